@@ -1,0 +1,204 @@
+"""Every setting, once: default, meaning, unit, limits. YAML, ROS parameters and CLI derive from it."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+from ellipseg_ros.errors import ConfigError
+
+T = TypeVar("T")
+Value = bool | int | float | str
+
+CRITERIA = ("shape", "density", "parsimony")
+DEFAULT_THRESHOLDS = {"shape": 4.0, "density": 0.012, "parsimony": 5.0}  # -, m, -
+OWN_THRESHOLD = -1.0  # `threshold` where a number must stand: the criterion's own default
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the metadata of a field say: meaning and limits of one setting."""
+
+    about: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = True  # may change while the node runs
+
+
+def setting(default: Any, about: str, **limits: Any) -> Any:
+    """Make a dataclass field that knows its meaning, unit and limits (see Setting)."""
+    return field(default=default, metadata={"setting": Setting(about, **limits)})
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A record of settings that refuses values of a wrong type or out of range."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            if "setting" in item.metadata:
+                value = checked(item, getattr(self, item.name))
+                object.__setattr__(self, item.name, value)
+
+
+def checked(item: Field[Any], value: Any) -> Value:
+    """Return `value` as the field's type, or raise ConfigError in one line."""
+    limits: Setting = item.metadata["setting"]
+    kind = type(item.default)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not kind:
+        raise ConfigError(
+            f"{item.name} is {value!r}, of type {type(value).__name__}; it must be {kind.__name__}"
+        )
+    if limits.choices and value not in limits.choices:
+        raise ConfigError(f"{item.name} is {value!r}; it must be one of {', '.join(limits.choices)}")
+    if limits.low is not None and not limits.low <= value <= (limits.high or math.inf):
+        span = f"from {limits.low:g} to {limits.high or math.inf:g} {limits.unit}".rstrip()
+        raise ConfigError(f"{item.name} is {value:g}; it must be {span}")
+    return value  # type: ignore[no-any-return]  # the check above is the proof
+
+
+@dataclass(frozen=True)
+class GraphConfig(Checked):
+    """Which points are neighbours."""
+
+    neighbours: int = setting(10, "nearest neighbours per point", low=3, high=64)
+    isolation_distance: float = setting(
+        2.0,
+        "a point farther than this from its nearest neighbour is isolated",
+        unit="m",
+        low=0.001,
+        high=1000.0,
+    )
+
+
+@dataclass(frozen=True)
+class ModelConfig(Checked):
+    """Constants of the merge criteria and of the AICc."""
+
+    eigenvalue_floor: float = setting(
+        1e-4,
+        "least variance that divides in the shape distance",
+        unit="m^2",
+        low=1e-12,
+        high=1.0,
+    )
+    noise_variance: float = setting(
+        0.01,
+        "squared measurement noise: least variance of a segment in the AICc",
+        unit="m^2",
+        low=1e-12,
+        high=100.0,
+    )
+
+
+@dataclass(frozen=True)
+class Config(Checked):
+    """How points become segments."""
+
+    criterion: str = setting("shape", "what decides whether two segments merge", choices=CRITERIA)
+    threshold: float | None = setting(
+        OWN_THRESHOLD,
+        "merge while the criterion is at most this (shape, parsimony: no unit; density: m); "
+        "-1: the criterion's own default",
+        low=-1.0,
+        high=1e9,
+    )
+    window_duration: float = setting(
+        25.0, "length of the window of points", unit="s", low=0.01, high=86400.0
+    )
+    update_period: float = setting(
+        1.0, "sensor time between two updates", unit="s", low=0.001, high=3600.0
+    )
+    max_lateness: float = setting(
+        1.0,
+        "a cloud this much older than the newest is accepted; an older one is a jump back: reset",
+        unit="s",
+        low=0.0,
+        high=3600.0,
+    )
+    max_points_per_second: int = setting(
+        0, "thin denser input to about this rate; 0: keep all", unit="1/s", low=0, high=1_000_000_000
+    )
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+
+    def __post_init__(self) -> None:
+        if self.threshold is None:
+            object.__setattr__(self, "threshold", OWN_THRESHOLD)
+        super().__post_init__()
+        if self.threshold is not None and OWN_THRESHOLD < self.threshold < 0.0:
+            raise ConfigError(
+                f"threshold is {self.threshold:g}; it must be 0 or more, or -1 for the default"
+            )
+
+    @property
+    def tau(self) -> float:
+        """The threshold in force: the given one, or the criterion's own default."""
+        if self.threshold is None or self.threshold == OWN_THRESHOLD:
+            return DEFAULT_THRESHOLDS[self.criterion]
+        return self.threshold
+
+
+@dataclass(frozen=True)
+class NodeConfig(Checked):
+    """How the node listens and what it shows."""
+
+    input_reliability: str = setting(
+        "best_effort",
+        "reliability asked of publishers of `points`; best_effort matches every publisher",
+        choices=("best_effort", "reliable"),
+        live=False,
+    )
+    input_depth: int = setting(
+        100, "clouds that DDS keeps for the node", unit="clouds", low=1, high=100_000, live=False
+    )
+    max_backlog: int = setting(
+        2,
+        "updates that may wait before they are taken together; 0: never taken together",
+        low=0,
+        high=1000,
+    )
+    marker_sigmas: float = setting(
+        2.0, "half axes of a marker, in standard deviations", low=0.01, high=100.0
+    )
+    marker_min_count: int = setting(
+        12, "segments with fewer points have no marker", unit="points", low=1, high=1_000_000
+    )
+
+
+def flatten(config: Checked, prefix: str = "") -> dict[str, Value]:
+    """Settings by dotted name: {"graph.neighbours": 10, ...}, in the order of the classes."""
+    return {name: value for name, value, _ in walk(config, prefix)}
+
+
+def walk(config: Checked, prefix: str = "") -> Iterator[tuple[str, Value, Setting]]:
+    """Yield (dotted name, value, meaning and limits) of every setting."""
+    for item in fields(config):
+        value = getattr(config, item.name)
+        if is_dataclass(value):
+            yield from walk(value, f"{prefix}{item.name}.")  # type: ignore[arg-type]  # Checked by design
+        else:
+            yield prefix + item.name, value, item.metadata["setting"]
+
+
+def with_values(config: T, values: dict[str, Any]) -> T:
+    """Copy of `config` with settings by dotted name changed; ConfigError for an unknown name."""
+    known = {item.name: getattr(config, item.name) for item in fields(config)}  # type: ignore[arg-type]  # dataclass
+    changes: dict[str, Any] = {}
+    nested: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        head, _, rest = name.partition(".")
+        if head not in known or bool(rest) != is_dataclass(known[head]):
+            names = ", ".join(flatten(config))  # type: ignore[arg-type]  # only Checked records come here
+            raise ConfigError(f"there is no setting {name}; there are {names}")
+        if rest:
+            nested.setdefault(head, {})[rest] = value
+        else:
+            changes[head] = value
+    for head, inner in nested.items():
+        changes[head] = with_values(known[head], inner)
+    return replace(config, **changes)  # type: ignore[type-var]  # dataclass

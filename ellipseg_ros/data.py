@@ -1,0 +1,208 @@
+"""The records that pass from stage to stage. Row i of every array of a record is the same thing."""
+
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ellipseg_ros.errors import InputError
+
+Array = npt.NDArray[Any]
+
+ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
+REJECTED = -2  # NaN, infinite or absurdly far
+THINNED = -3  # left out by `max_points_per_second`
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One turn of the lidar, or any part of one; row i of every array is point i."""
+
+    stamp_ns: int  # the message's stamp
+    points: Array  # (n, 3) float64, m, world frame; may hold NaN and Inf
+    offsets_ns: Array = field(default_factory=lambda: np.zeros(0, np.int64))
+    # (n,) int64, ns from the stamp; zeros where not given
+    fields: Array | None = None  # (n,) structured: every field of the input cloud, x, y, z too
+    frame_id: str = ""
+    restart: str = ""  # why the window must start anew with this sweep; empty: it goes on
+
+    def __post_init__(self) -> None:
+        points = np.ascontiguousarray(self.points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"points have shape {points.shape}; they must have shape (n, 3)", "shape")
+        offsets = np.ascontiguousarray(self.offsets_ns, dtype=np.int64)
+        if not len(offsets):
+            offsets = np.zeros(len(points), np.int64)
+        for name, column in (("offsets_ns", offsets), ("fields", self.fields)):
+            if column is not None and len(column) != len(points):
+                raise InputError(f"{name} has {len(column)} rows for {len(points)} points", "shape")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "offsets_ns", offsets)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def times_ns(self) -> Array:
+        """(n,) int64, ns: the time of every point."""
+        return self.stamp_ns + self.offsets_ns
+
+    def keep(self, mask: Array) -> "Sweep":
+        """The rows that `mask` selects, of every array."""
+        return replace(
+            self,
+            points=self.points[mask],
+            offsets_ns=self.offsets_ns[mask],
+            fields=None if self.fields is None else self.fields[mask],
+        )
+
+
+def join_sweeps(sweeps: list[Sweep]) -> Sweep:
+    """Several sweeps as one, in order; the stamp, frame and restart are the first one's."""
+    first = sweeps[0]
+    if len(sweeps) == 1:
+        return first
+    return replace(
+        first,
+        points=np.concatenate([s.points for s in sweeps]),
+        offsets_ns=np.concatenate([s.times_ns for s in sweeps]) - first.stamp_ns,
+        fields=join_fields([s.fields for s in sweeps], [len(s) for s in sweeps]),
+    )
+
+
+def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
+    """Structured arrays below one another; a field that a part lacks is NaN there, or 0 if integer.
+
+    Parts of one layout keep it (offsets and padding too); others get the union of all fields.
+    """
+    given = [part for part in parts if part is not None]
+    if not given:
+        return None
+    layout = given[0].dtype
+    if any(part is None or part.dtype != layout for part in parts):
+        layout = _union([part.dtype for part in given])
+    joined = np.zeros(sum(lengths), layout)
+    start = 0
+    for part, length in zip(parts, lengths, strict=True):
+        rows = joined[start : start + length]
+        start += length
+        if part is not None and part.dtype == layout:
+            rows[...] = part
+            continue
+        for name in layout.names or ():
+            if part is not None and name in (part.dtype.names or ()):
+                rows[name] = part[name]
+            elif np.issubdtype(layout[name].base, np.floating):
+                rows[name] = np.nan
+    return joined
+
+
+def _union(layouts: list[np.dtype[Any]]) -> np.dtype[Any]:
+    found: dict[str, np.dtype[Any]] = {}
+    for layout in layouts:
+        for name in layout.names or ():
+            other = layout[name]
+            if name in found and found[name].shape != other.shape:
+                raise InputError(f"field {name} changed its count within the window", "fields_changed")
+            known = found.get(name, other)
+            found[name] = np.dtype((np.promote_types(known.base, other.base), other.shape))
+    return np.dtype(list(found.items()))
+
+
+@dataclass(frozen=True)
+class Ellipsoids:
+    """Segments as ellipsoids; row i is segment i. Moments are those of the labelled points."""
+
+    count: Array  # (s,) int64, points
+    mean: Array  # (s, 3) float64, m, world frame
+    covariance: Array  # (s, 3, 3) float64, m^2, divided by count
+    eigenvalues: Array  # (s, 3) float64, m^2, descending, at least 0
+    axes: Array  # (s, 3, 3) float64, columns v1, v2, v3: a rotation, ellipsoid to world frame
+    planarity: Array  # (s,) float64; the three add to 1
+    cylindricality: Array  # (s,)
+    sphericity: Array  # (s,)
+    aicc: Array  # (s,) float64, of the model moments
+    model_mean: Array  # (s, 3) m: of the union of the initial ellipsoids, which drives the merging
+    model_covariance: Array  # (s, 3, 3) m^2
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+
+class State(IntEnum):
+    """What an update did to a segment; the numbers are those of Segment.msg."""
+
+    NEW = 0
+    UPDATED = 1
+    UNCHANGED = 2
+
+
+@dataclass(frozen=True)
+class Ragged:
+    """Rows of different lengths: row i is values[starts[i]:starts[i + 1]]."""
+
+    starts: Array  # (s + 1,) int64
+    values: Array  # (v,)
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def __getitem__(self, row: int) -> Array:
+        return self.values[self.starts[row] : self.starts[row + 1]]
+
+
+@dataclass(frozen=True)
+class Counts:
+    """The points of a window by fate; they add up to all of them."""
+
+    segmented: int
+    isolated: int
+    rejected: int  # NaN, Inf, or beyond the largest coordinate
+    thinned: int
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """A window of points and its segments, numbered by their lowest point.
+
+    n points in the order of arrival, s segments.
+    """
+
+    labels: Array  # (n,) int32: row of `ellipsoids`, or ISOLATED, REJECTED, THINNED
+    ellipsoids: Ellipsoids
+    aicc: float  # of the whole model: the sum over the segments
+    criterion: str
+    threshold: float
+    origin: Array  # (3,) m: subtracted before anything was computed; exact in float64
+
+    points: Array  # (n, 3) float64, m, world frame, as they came
+    arrival: Array  # (n,) int64: serial number since the last reset
+    times_ns: Array  # (n,) int64
+    fields: Array | None  # (n,) structured: the input's own fields
+    frame_id: str
+
+    ids: Array  # (s,) uint32, from 1, never used twice in a run
+    state: Array  # (s,) uint8, see State
+    parents: Ragged  # (s,) rows of uint32: other old ids that gave points to the segment
+    removed: Array  # (r,) uint32: ids that the last update had and this one has not
+    first_seen_ns: Array  # (s,) int64: time of the oldest point
+    last_seen_ns: Array  # (s,) int64: of the newest
+
+    start_ns: int  # the window holds the points with start_ns < t <= end_ns
+    end_ns: int
+    sequence: int  # number of this update, from 0, not restarted by a reset
+    restart: str  # why the window began anew with this update; empty: it did not
+
+    @property
+    def counts(self) -> Counts:
+        """How many points have which fate."""
+        tally = np.bincount(np.maximum(self.labels, THINNED - 1) - THINNED, minlength=4)
+        return Counts(int(tally[3:].sum()), int(tally[2]), int(tally[1]), int(tally[0]))
+
+    @property
+    def point_ids(self) -> Array:
+        """(n,) uint32: the id of every point's segment, 0 where it has none (field `label`)."""
+        ids = np.append(self.ids, np.uint32(0))  # row -1 is the 0
+        return ids[np.maximum(self.labels, -1)]

@@ -1,0 +1,81 @@
+"""Which messages make one update: by their stamps alone, so that replay speed changes nothing."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from ellipseg_ros.config import Config
+from ellipseg_ros.data import Sweep, join_sweeps
+
+SECOND = 1_000_000_000  # ns
+
+
+class Grouping:
+    """Collects messages until one reaches the next boundary t0 + k period, k = 1, 2, ...
+
+    t0 is the first stamp after a restart. The message that reaches the boundary closes the group
+    and belongs to it; boundaries that a gap jumped over give no update.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self.configure(config)
+        self._open: list[Sweep] = []
+        self._first = 0  # ns: t0
+        self._newest = 0  # ns: newest stamp
+        self._boundary = 0  # ns: the stamp that closes the open group
+        self._frame = ""
+        self._started = False
+
+    def configure(self, config: Config) -> None:
+        """Take new settings; the boundaries of the open group stay."""
+        self._period = round(config.update_period * SECOND)
+        self._lateness = round(config.max_lateness * SECOND)
+
+    def push(self, sweep: Sweep) -> list[Sweep]:
+        """Take one message; return the groups that it completes (none, one, or two at a jump)."""
+        done: list[Sweep] = []
+        restart = sweep.restart or self._why_restart(sweep)
+        if restart:
+            done += self.flush()
+        if restart or not self._started:
+            self._started = True
+            self._frame = sweep.frame_id
+            self._first = self._newest = sweep.stamp_ns
+            self._boundary = sweep.stamp_ns + self._period
+        self._open.append(replace(sweep, restart=restart))
+        self._newest = max(self._newest, sweep.stamp_ns)
+        if sweep.stamp_ns >= self._boundary:
+            done += self.flush()
+        return done
+
+    def flush(self) -> list[Sweep]:
+        """Close the open group as it is: at the end of a file, before a restart."""
+        if not self._open:
+            return []
+        group = join_sweeps(self._open)
+        self._open = []
+        passed = (self._newest - self._first) // self._period
+        self._boundary = self._first + (passed + 1) * self._period
+        return [group]
+
+    def _why_restart(self, sweep: Sweep) -> str:
+        if not self._started:
+            return ""
+        return why_restart(sweep, self._newest, self._lateness, self._frame)
+
+
+def why_restart(sweep: Sweep, newest_ns: int, lateness_ns: int, frame_id: str) -> str:
+    """Say why the window cannot go on with `sweep`; an empty text if it can."""
+    if sweep.frame_id != frame_id:
+        return f"the frame changed from {frame_id!r} to {sweep.frame_id!r}"
+    behind = newest_ns - sweep.stamp_ns
+    if behind > lateness_ns:
+        return f"the stamps jumped back by {behind / SECOND:.3f} s"
+    return ""
+
+
+def updates(sweeps: Iterable[Sweep], config: Config) -> Iterator[Sweep]:
+    """Yield one sweep an update: the messages between two boundaries, joined."""
+    grouping = Grouping(config)
+    for sweep in sweeps:
+        yield from grouping.push(sweep)
+    yield from grouping.flush()
