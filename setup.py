@@ -1,4 +1,9 @@
-"""Builds ellipseg_ros, for pip and for colcon alike."""
+"""Builds and installs ellipseg_ros, by pip and by colcon alike.
+
+An ament_python package can't define messages by the usual means: the ROS way is a package of
+their own, built by CMake. Here setup.py runs that CMake build, so that the node and its messages
+are one package, and `pip install .` works without a ROS installation.
+"""
 
 import os
 import shutil
@@ -12,12 +17,24 @@ from setuptools.command.build_ext import build_ext
 
 NAME = "ellipseg_ros"
 ROOT = Path(__file__).resolve().parent  # colcon runs a symlink of this file in its build folder
+
 NODES = {
-    "segmenter": f"{NAME}.ros.segmenter_node:main",
-    "replayer": f"{NAME}.ros.replayer:main",
+    "replayer": "ellipseg_ros.ros.replayer",
+    "segmenter": "ellipseg_ros.ros.segmenter_node",
 }
-TOOLS = {"ellipseg": f"{NAME}.cli.main:main"}
-SCRIPTS = NODES | TOOLS
+COMMANDS = {
+    "ellipseg": "ellipseg_ros.cli.main",
+}
+
+# What of the generated code belongs below the install prefix.
+GENERATED = (
+    "bin/",
+    "include/",
+    "lib/",
+    f"share/{NAME}/cmake/",
+    f"share/{NAME}/msg/",
+    "share/ament_index/resource_index/rosidl_interfaces/",
+)
 
 
 class BinaryDistribution(Distribution):
@@ -30,37 +47,39 @@ class BinaryDistribution(Distribution):
 
 
 class BuildMessages(build_ext):
-    """Generates and compiles the messages, as CMakeLists.txt says, and installs them with the rest."""
+    """Generates and compiles the messages as CMakeLists.txt says, and installs them."""
 
     def run(self):
-        stage = self.generate()
+        stage = Path(self.build_temp).resolve() / "stage"
+        shutil.rmtree(stage, ignore_errors=True)
+        self.run_cmake(stage)
+        self.write_scripts(stage)
 
-        # Python: beside the hand-written modules, in place for `pip install -e` and `--symlink-install`.
+        # Python: beside the hand-written modules; in the checkout for `pip install -e` and
+        # `colcon build --symlink-install`.
         package = (ROOT if self.inplace else Path(self.build_lib)) / NAME
         generated = stage / "python" / NAME
         shutil.rmtree(package / "msg", ignore_errors=True)
-        shutil.copytree(
-            generated / "msg", package / "msg", ignore=shutil.ignore_patterns("*.c", "__pycache__")
-        )
+        ignored = shutil.ignore_patterns("*.c", "__pycache__")
+        shutil.copytree(generated / "msg", package / "msg", ignore=ignored)
         for library in generated.glob("*.so"):
             shutil.copy2(library, package)
 
         # The rest: below the install prefix, where ROS, C++ packages and the loader look.
-        wanted = (
-            "include/",
-            "lib/",
-            f"share/{NAME}/cmake/",
-            f"share/{NAME}/msg/",
-            "share/ament_index/resource_index/rosidl_interfaces/",
-        )
-        for path in stage.rglob("*"):
+        for path in sorted(stage.rglob("*")):
             target = path.relative_to(stage)
-            if path.is_file() and str(target).startswith(wanted):
+            if path.is_file() and str(target).startswith(GENERATED):
                 self.distribution.data_files.append((str(target.parent), [os.path.relpath(path)]))
 
-    def generate(self):
-        """Return the folder that CMake has installed the generated code to."""
-        import ament_package  # lies in the prefix of ROS, be it from PyPI, from apt or from source
+    def run_cmake(self, stage):
+        """Let CMake install the generated code to the folder `stage`."""
+        try:
+            import ament_package  # lies in the prefix of ROS: from PyPI, apt or source
+        except ModuleNotFoundError as error:
+            raise SystemExit(
+                "ellipseg_ros: no ROS 2 to build with; source its setup.bash before colcon, "
+                "or use pip without --no-build-isolation"
+            ) from error
 
         prefix = str(Path(ament_package.__file__).parents[4])
         env = dict(os.environ)
@@ -69,44 +88,57 @@ class BuildMessages(build_ext):
         env.setdefault("CMAKE_BUILD_PARALLEL_LEVEL", str(os.cpu_count()))
 
         build = Path(self.build_temp).resolve() / "cmake"
-        stage = Path(self.build_temp).resolve() / "stage"
-        shutil.rmtree(stage, ignore_errors=True)
         cache = build / "CMakeCache.txt"
-        if cache.exists() and prefix not in cache.read_text():  # pip's isolation has a new one each time
-            shutil.rmtree(build)
-        if not (build / "cmake_install.cmake").exists():
-            options = {
-                "BUILD_TESTING": "OFF",
-                "CMAKE_BUILD_TYPE": "Release",
-                "CMAKE_INSTALL_PREFIX": stage,
-                "PYTHON_INSTALL_DIR": "python",
-                "Python3_EXECUTABLE": sys.executable,
-            }
-            defines = [f"-D{key}={value}" for key, value in options.items()]
-            subprocess.run(["cmake", "-S", ROOT, "-B", build, *defines], env=env, check=True)
+        if cache.exists() and prefix not in cache.read_text():
+            shutil.rmtree(build)  # pip's build isolation has a new prefix each time
+        options = {
+            "BUILD_TESTING": "OFF",
+            "CMAKE_BUILD_TYPE": "Release",
+            "CMAKE_INSTALL_PREFIX": stage,
+            "PYTHON_INSTALL_DIR": "python",
+            "Python3_EXECUTABLE": sys.executable,
+        }
+        defines = [f"-D{key}={value}" for key, value in options.items()]
+        subprocess.run(["cmake", "-S", ROOT, "-B", build, *defines], env=env, check=True)
         subprocess.run(["cmake", "--build", build, "--target", "install"], env=env, check=True)
 
-        return stage
+    def write_scripts(self, stage):
+        """Add the scripts that the installer doesn't put where they are looked for.
+
+        pip puts all of them in bin/, but `ros2 run` and launch files look in lib/<package>/;
+        colcon puts all of them there (setup.cfg), but a shell looks in bin/.
+        """
+        by_pip = self.distribution.get_command_obj("bdist_wheel", create=False)
+        folder, scripts = (f"lib/{NAME}", NODES) if by_pip else ("bin", COMMANDS)
+        (stage / folder).mkdir(parents=True, exist_ok=True)
+        for name, module in scripts.items():
+            script = stage / folder / name
+            script.write_text(
+                "#!/usr/bin/env python3\n"
+                f"import sys\n\nfrom {module} import main\n\nsys.exit(main())\n"
+            )
+            script.chmod(0o755)
 
 
 setup(
     name=NAME,
     version="0.1.0",
-    description="Online ellipsoid segmentation of lidar point clouds.",
+    description="Segments a registered lidar stream into ellipsoids while the vehicle drives.",
     maintainer="ellipseg_ros maintainers",
     maintainer_email="maintainers@ellipseg.example.com",
     license="Apache-2.0",
-    # An in-place msg/ is generated and comes by BuildMessages.
+    # Without the generated msg/, which an editable install leaves in the checkout.
     packages=find_packages(str(ROOT), include=[NAME, f"{NAME}.*"], exclude=[f"{NAME}.msg*"]),
     package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", glob("config/*.yaml") + glob("config/*.rviz")),
-        (f"share/{NAME}/launch", glob("launch/*.py")),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml") + glob("config/*.rviz"))),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.py"))),
     ],
     python_requires=">=3.10",
     install_requires=[
+        "PyYAML",
         "matplotlib",
         "numba",
         "numpy",
@@ -126,9 +158,12 @@ setup(
         "tqdm",
     ],
     extras_require={
+        # `ellipseg bench` compares with these.
         "bench": [
             "small_gicp",
         ],
+        # Beside the build requirements of pyproject.toml: the tests run colcon. `make setup`
+        # installs both.
         "test": [
             "colcon-common-extensions",
             "hypothesis",
@@ -138,7 +173,11 @@ setup(
             "ruff",
         ],
     },
-    entry_points={"console_scripts": [f"{name} = {target}" for name, target in SCRIPTS.items()]},
+    entry_points={
+        "console_scripts": [
+            f"{name} = {module}:main" for name, module in (NODES | COMMANDS).items()
+        ],
+    },
     distclass=BinaryDistribution,
     cmdclass={"build_ext": BuildMessages},
     zip_safe=False,
