@@ -1,0 +1,1 @@
+"""The method, one stage a file; segmenter.py joins them."""

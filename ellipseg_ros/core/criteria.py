@@ -1,0 +1,104 @@
+"""When two segments are one: the merge criteria, and the information criterion behind them."""
+
+import math
+from typing import Any
+
+from ellipseg_ros.core.ellipsoids import (
+    AXES,
+    COUNT,
+    CYLINDRICALITY,
+    EIGENVALUES,
+    MEAN,
+    PLANARITY,
+)
+from ellipseg_ros.core.jit import kernel
+
+PARAMETERS = 9  # K: mean 3, covariance 6
+LOG_2PI = math.log(2.0 * math.pi)
+
+
+@kernel
+def shape_distance(nodes: Any, a: Any, b: Any, floor: Any, limit: Any) -> Any:
+    """Distance of two segments in terms of their own shape (paper, eq. 7); no unit.
+
+    floor, m^2: least eigenvalue. Stops early, above `limit`, where the rest cannot bring it below:
+    all terms are at least 0. e1 stands in the spherical term [choice: DESIGN 2.7].
+    """
+    na, nb = nodes[a, COUNT], nodes[b, COUNT]
+    fa = na / (na + nb)
+    fb = 1.0 - fa
+    dx = nodes[b, MEAN] - nodes[a, MEAN]
+    dy = nodes[b, MEAN + 1] - nodes[a, MEAN + 1]
+    dz = nodes[b, MEAN + 2] - nodes[a, MEAN + 2]
+    a3 = max(nodes[a, EIGENVALUES + 2], floor)
+    b3 = max(nodes[b, EIGENVALUES + 2], floor)
+    along_a = nodes[a, AXES + 6] * dx + nodes[a, AXES + 7] * dy + nodes[a, AXES + 8] * dz
+    along_b = nodes[b, AXES + 6] * dx + nodes[b, AXES + 7] * dy + nodes[b, AXES + 8] * dz
+    total = fa * along_a * along_a / a3 + fb * along_b * along_b / b3
+    if total > limit:
+        return total
+    a2 = max(nodes[a, EIGENVALUES + 1], floor)
+    b2 = max(nodes[b, EIGENVALUES + 1], floor)
+    pa, pb = nodes[a, PLANARITY], nodes[b, PLANARITY]
+    total += (fa * pa + fb * pb) * _tilt(nodes, a, b, AXES + 6) / (a3 / a2 + b3 / b2)
+    if total > limit:
+        return total
+    a1 = max(nodes[a, EIGENVALUES], floor)
+    b1 = max(nodes[b, EIGENVALUES], floor)
+    ca, cb = nodes[a, CYLINDRICALITY], nodes[b, CYLINDRICALITY]
+    along_a = nodes[a, AXES + 3] * dx + nodes[a, AXES + 4] * dy + nodes[a, AXES + 5] * dz
+    along_b = nodes[b, AXES + 3] * dx + nodes[b, AXES + 4] * dy + nodes[b, AXES + 5] * dz
+    total += (
+        fa * (1.0 - pa) * along_a * along_a / a2
+        + fb * (1.0 - pb) * along_b * along_b / b2
+        + (fa * ca + fb * cb) * _tilt(nodes, a, b, AXES) / (a2 / a1 + b2 / b1)
+    )
+    along_a = nodes[a, AXES] * dx + nodes[a, AXES + 1] * dy + nodes[a, AXES + 2] * dz
+    along_b = nodes[b, AXES] * dx + nodes[b, AXES + 1] * dy + nodes[b, AXES + 2] * dz
+    sa, sb = max(0.0, 1.0 - pa - ca), max(0.0, 1.0 - pb - cb)
+    return total + fa * sa * along_a * along_a / a1 + fb * sb * along_b * along_b / b1
+
+
+@kernel
+def _tilt(nodes: Any, a: Any, b: Any, axis: Any) -> Any:
+    """Squared sine of the angle between two axes."""
+    cosine = (
+        nodes[a, axis] * nodes[b, axis]
+        + nodes[a, axis + 1] * nodes[b, axis + 1]
+        + nodes[a, axis + 2] * nodes[b, axis + 2]
+    )
+    return max(0.0, 1.0 - cosine * cosine)
+
+
+@kernel
+def density_distance(nodes: Any, union: Any, mass: Any) -> Any:
+    """Volume of the united ellipsoid per mass, m: the inverse of the paper's density (eq. 6)."""
+    volume = (
+        4.0
+        / 3.0
+        * math.pi
+        * math.sqrt(
+            nodes[union, EIGENVALUES] * nodes[union, EIGENVALUES + 1] * nodes[union, EIGENVALUES + 2]
+        )
+    )
+    if volume == 0.0:
+        return 0.0
+    return volume / mass if mass > 0.0 else math.inf
+
+
+@kernel
+def segment_aicc(nodes: Any, i: Any, noise: Any) -> Any:
+    """Corrected Akaike information criterion of one segment (paper, eqs. 9-14).
+
+    noise, m^2: least variance. The eigenvalues are modulated by the shape (eq. 13).
+    """
+    n = nodes[i, COUNT]
+    planarity, cylindricality = nodes[i, PLANARITY], nodes[i, CYLINDRICALITY]
+    sphericity = max(0.0, 1.0 - planarity - cylindricality)
+    product = (
+        max(nodes[i, EIGENVALUES] * sphericity, noise)
+        * max(nodes[i, EIGENVALUES + 1] * (1.0 - planarity), noise)
+        * max(nodes[i, EIGENVALUES + 2], noise)
+    )
+    variance = n * (3.0 * LOG_2PI + math.log(product) + 3.0)
+    return variance + 2.0 * PARAMETERS * n / max(1.0, n - PARAMETERS - 1.0)

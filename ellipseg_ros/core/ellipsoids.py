@@ -1,0 +1,189 @@
+"""Moments of point sets, and the shape that they have."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.core.eigen import eigen
+from ellipseg_ros.core.jit import for_rows, kernel
+from ellipseg_ros.data import Array
+
+# A node is a row of 24 float64 (three cache lines): what the merging needs to know of a segment.
+COUNT = 0  # points
+MEAN = 1  # 3: m, local origin
+COVARIANCE = 4  # 6: xx, xy, xz, yy, yz, zz, m^2, divided by the count
+EIGENVALUES = 10  # 3: descending, clipped at 0, m^2
+AXES = 13  # 9: v1, v2, v3
+PLANARITY = 22
+CYLINDRICALITY = 23
+WIDTH = 24
+
+
+def initial_ellipsoids(points: Array, neighbours: Array, nodes: Array) -> None:
+    """Fill the first rows of `nodes` with the moments over N(i): i and its neighbours.
+
+    points (n, 3) m, neighbours (n, k) int32, -1 for none. Paper, eqs. 2-5; the count is 1.
+    """
+    for_rows(_initial, len(points), points, neighbours, nodes)
+
+
+def neighbour_masses(points: Array, neighbours: Array) -> Array:
+    """Mass of every point: (mean distance to its neighbours)^2, m^2 (paper, eq. 6)."""
+    masses = np.zeros(len(points))
+    for_rows(_masses, len(points), points, neighbours, masses)
+    return masses
+
+
+def segment_moments(points: Array, labels: Array, segments: int) -> Array:
+    """Nodes (s, 24) of the points themselves; labels (n,) int32, negative for none.
+
+    The mean is exact to an ulp of the extent: sums run in the order of the points, about the first.
+    """
+    nodes = np.zeros((segments, WIDTH))
+    _sum_points(points, labels, nodes)
+    for_rows(_shapes, segments, nodes)
+    return nodes
+
+
+@kernel
+def _initial(start: Any, stop: Any, points: Any, neighbours: Any, nodes: Any) -> None:
+    k = neighbours.shape[1]
+    for i in range(start, stop):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        mx = my = mz = 0.0
+        members = 1
+        for slot in range(k):
+            j = neighbours[i, slot]
+            if j < 0:
+                break
+            members += 1
+            mx += points[j, 0] - x
+            my += points[j, 1] - y
+            mz += points[j, 2] - z
+        mx, my, mz = mx / members, my / members, mz / members
+        xx, xy, xz, yy, yz, zz = mx * mx, mx * my, mx * mz, my * my, my * mz, mz * mz  # i itself
+        for slot in range(members - 1):
+            j = neighbours[i, slot]
+            dx, dy, dz = points[j, 0] - x - mx, points[j, 1] - y - my, points[j, 2] - z - mz
+            xx += dx * dx
+            xy += dx * dy
+            xz += dx * dz
+            yy += dy * dy
+            yz += dy * dz
+            zz += dz * dz
+        nodes[i, COUNT] = 1.0
+        nodes[i, MEAN], nodes[i, MEAN + 1], nodes[i, MEAN + 2] = x + mx, y + my, z + mz
+        nodes[i, COVARIANCE] = xx / members
+        nodes[i, COVARIANCE + 1] = xy / members
+        nodes[i, COVARIANCE + 2] = xz / members
+        nodes[i, COVARIANCE + 3] = yy / members
+        nodes[i, COVARIANCE + 4] = yz / members
+        nodes[i, COVARIANCE + 5] = zz / members
+        shape(nodes, i)
+
+
+@kernel
+def shape(nodes: Any, i: Any) -> None:
+    """Eigenvalues, axes, planarity and cylindricality from the covariance (paper, eqs. 3-5)."""
+    eigen(nodes, i, COVARIANCE, EIGENVALUES, AXES)
+    e1, e2, e3 = nodes[i, EIGENVALUES], nodes[i, EIGENVALUES + 1], nodes[i, EIGENVALUES + 2]
+    total = e1 + e2 + e3
+    if total > 0.0:
+        nodes[i, PLANARITY] = 2.0 * (e2 - e3) / total
+        nodes[i, CYLINDRICALITY] = (e1 - e2) / total
+    else:
+        nodes[i, PLANARITY] = nodes[i, CYLINDRICALITY] = 0.0
+        for k in range(9):
+            nodes[i, AXES + k] = 1.0 if k % 4 == 0 else 0.0
+
+
+@kernel
+def unite(nodes: Any, a: Any, b: Any, into: Any) -> None:
+    """Moments of two disjoint sets taken together, and their shape.
+
+    Source: Chan, Golub & LeVeque (1979), pairwise update, for covariances instead of sums.
+    """
+    na, nb = nodes[a, COUNT], nodes[b, COUNT]
+    n = na + nb
+    fa, fb = na / n, nb / n
+    dx, dy, dz = (
+        nodes[b, MEAN] - nodes[a, MEAN],
+        nodes[b, MEAN + 1] - nodes[a, MEAN + 1],
+        nodes[b, MEAN + 2] - nodes[a, MEAN + 2],
+    )
+    between = fa * fb
+    nodes[into, COUNT] = n
+    nodes[into, MEAN] = nodes[a, MEAN] + fb * dx
+    nodes[into, MEAN + 1] = nodes[a, MEAN + 1] + fb * dy
+    nodes[into, MEAN + 2] = nodes[a, MEAN + 2] + fb * dz
+    for k in range(COVARIANCE, COVARIANCE + 6):
+        nodes[into, k] = fa * nodes[a, k] + fb * nodes[b, k]
+    nodes[into, COVARIANCE] += between * dx * dx
+    nodes[into, COVARIANCE + 1] += between * dx * dy
+    nodes[into, COVARIANCE + 2] += between * dx * dz
+    nodes[into, COVARIANCE + 3] += between * dy * dy
+    nodes[into, COVARIANCE + 4] += between * dy * dz
+    nodes[into, COVARIANCE + 5] += between * dz * dz
+    shape(nodes, into)
+
+
+@kernel
+def _masses(start: Any, stop: Any, points: Any, neighbours: Any, masses: Any) -> None:
+    for i in range(start, stop):
+        total = 0.0
+        members = 0
+        for slot in range(neighbours.shape[1]):
+            j = neighbours[i, slot]
+            if j < 0:
+                break
+            members += 1
+            dx, dy, dz = (
+                points[j, 0] - points[i, 0],
+                points[j, 1] - points[i, 1],
+                points[j, 2] - points[i, 2],
+            )
+            total += math.sqrt(dx * dx + dy * dy + dz * dz)
+        if members > 0:
+            masses[i] = (total / members) * (total / members)
+
+
+@kernel
+def _sum_points(points: Any, labels: Any, nodes: Any) -> None:
+    """Count, mean and covariance of every segment, about its first point."""
+    first = np.zeros((len(nodes), 3))
+    for i in range(len(points)):
+        s = labels[i]
+        if s < 0:
+            continue
+        if nodes[s, COUNT] == 0.0:
+            for axis in range(3):
+                first[s, axis] = points[i, axis]
+        nodes[s, COUNT] += 1.0
+        for axis in range(3):
+            nodes[s, MEAN + axis] += points[i, axis] - first[s, axis]
+    for s in range(len(nodes)):
+        for axis in range(3):
+            nodes[s, MEAN + axis] = first[s, axis] + nodes[s, MEAN + axis] / nodes[s, COUNT]
+    for i in range(len(points)):
+        s = labels[i]
+        if s < 0:
+            continue
+        dx = points[i, 0] - nodes[s, MEAN]
+        dy = points[i, 1] - nodes[s, MEAN + 1]
+        dz = points[i, 2] - nodes[s, MEAN + 2]
+        nodes[s, COVARIANCE] += dx * dx
+        nodes[s, COVARIANCE + 1] += dx * dy
+        nodes[s, COVARIANCE + 2] += dx * dz
+        nodes[s, COVARIANCE + 3] += dy * dy
+        nodes[s, COVARIANCE + 4] += dy * dz
+        nodes[s, COVARIANCE + 5] += dz * dz
+    for s in range(len(nodes)):
+        for k in range(COVARIANCE, COVARIANCE + 6):
+            nodes[s, k] /= nodes[s, COUNT]
+
+
+@kernel
+def _shapes(start: Any, stop: Any, nodes: Any) -> None:
+    for i in range(start, stop):
+        shape(nodes, i)

@@ -1,0 +1,39 @@
+"""The one place that sets numba options and shares rows between threads.
+
+Plain threads over kernels that release the GIL, not numba's `prange`: its layers forbid calls from
+two Python threads at once, or a fork, and compile much longer. Row i of a result depends on row i
+alone, so the number of threads cannot change it.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from numba import njit
+
+kernel = njit(cache=True, nogil=True, error_model="numpy")
+
+THREADS = len(os.sched_getaffinity(0))
+LEAST = 2048  # rows below which a thread is not worth its start
+_pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
+
+
+def for_rows(function: Callable[..., Any], count: int, *args: Any) -> None:
+    """Call `function(start, stop, *args)` so that the calls together cover rows 0 to count."""
+    parts = min(THREADS, -(-count // LEAST)) if count else 0
+    for_parts([(count * k // parts, count * (k + 1) // parts) for k in range(parts)], function, *args)
+
+
+def for_parts(parts: list[tuple[int, int]], function: Callable[..., Any], *args: Any) -> None:
+    """Call `function(*part, *args)` for every part; each thread takes the next one that is left."""
+    left = iter(parts)  # next() of a list's iterator is atomic
+
+    def work() -> None:
+        for part in left:
+            function(*part, *args)
+
+    others = [_pool.submit(work) for _ in range(min(THREADS, len(parts)) - 1)]
+    work()
+    for other in others:
+        other.result()

@@ -1,0 +1,167 @@
+"""Persistent ids: which segment of before is which segment of now."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.data import Array, Ragged, State
+
+
+class Tracks(NamedTuple):
+    """What became of the segments; s segments of now."""
+
+    ids: Array  # (s,) uint32
+    state: Array  # (s,) uint8, see State
+    parents: Ragged  # (s,) rows of uint32, ascending: old ids that gave points, but the own one
+    removed: Array  # (r,) uint32, ascending
+
+
+class Shares(NamedTuple):
+    """How many surviving points the old segments gave the new ones; pairs by new, then old row."""
+
+    starts: Array  # (s + 1,) int64: pairs of new segment k are starts[k] to starts[k + 1]
+    old: Array  # (p,) int32
+    points: Array  # (p,) int64
+    best_old: Array  # (s,) int32: shares most points with it; ties: lower id; -1 for none
+    best_new: Array  # (old,) int32: holds most of its points; ties: lower row
+
+
+class Tracker:
+    """Gives ids, from 1, never twice; remembers the segments of the last update by their points."""
+
+    def __init__(self) -> None:
+        self._next = 1
+        self._gone = np.zeros(0, np.uint32)  # ids that a reset has ended, not yet told
+        self._forget()
+
+    def reset(self) -> None:
+        """End all segments: the next update names them removed. Ids go on."""
+        self._gone = np.concatenate([self._gone, self._ids])
+        self._forget()
+
+    def _forget(self) -> None:
+        self._arrival = np.zeros(0, np.int64)  # points of the last window
+        self._labels = np.zeros(0, np.int32)  # their rows in the next two
+        self._ids = np.zeros(0, np.uint32)
+        self._facts = np.zeros((0, 0))
+
+    def assign(self, arrival: Array, labels: Array, facts: Array) -> Tracks:
+        """Name the segments of now.
+
+        arrival (n,) int64 ascending; labels (n,) int32, rows of facts, negative for none;
+        facts (s, f): what makes a segment the same if it is bitwise equal, the count in column 0.
+
+        A segment inherits the id of the old segment with which it shares most points, if of all new
+        segments it holds most of that one's surviving points (DESIGN 5). New ids ascend by row.
+        """
+        shares = _share(labels, self._old_rows(arrival), len(facts), self._ids)
+        heirs = np.flatnonzero(shares.best_old >= 0)
+        heirs = heirs[shares.best_new[shares.best_old[heirs]] == heirs]
+        inherited = shares.best_old[heirs]
+
+        ids = np.zeros(len(facts), np.uint32)
+        ids[heirs] = self._ids[inherited]
+        fresh = np.flatnonzero(ids == 0)
+        ids[fresh] = np.arange(self._next, self._next + len(fresh))
+        self._next += len(fresh)
+
+        state = np.full(len(facts), State.NEW, np.uint8)
+        state[heirs] = State.UPDATED
+        state[heirs[self._same(heirs, inherited, shares, facts)]] = State.UNCHANGED
+        ended = np.ones(len(self._ids), bool)
+        ended[inherited] = False
+        removed = np.sort(np.concatenate([self._gone, self._ids[ended]]))
+        parents = self._parents(shares, ids)
+
+        self._arrival, self._labels, self._ids, self._facts = arrival, labels, ids, facts
+        self._gone = np.zeros(0, np.uint32)
+        return Tracks(ids, state, parents, removed)
+
+    def _old_rows(self, arrival: Array) -> Array:
+        """(n,) int32: the old segment of every point of now, -1 for none."""
+        rows = np.full(len(arrival), -1, np.int32)
+        if len(self._arrival) and len(arrival):
+            first, last = self._arrival[0], self._arrival[-1]
+            table = np.full(last - first + 1, -1, np.int32)
+            table[self._arrival - first] = np.maximum(self._labels, -1)
+            known = (arrival >= first) & (arrival <= last)
+            rows[known] = table[arrival[known] - first]
+        return rows
+
+    def _same(self, heirs: Array, inherited: Array, shares: Shares, facts: Array) -> Array:
+        """(heirs,) bool: the same points and the same facts as before."""
+        if not len(heirs):
+            return np.zeros(0, bool)
+        one = shares.starts[heirs + 1] - shares.starts[heirs] == 1
+        whole = shares.points[shares.starts[heirs]] == facts[heirs, 0]
+        equal: Array = (facts[heirs] == self._facts[inherited]).all(axis=1)
+        return one & whole & equal
+
+    def _parents(self, shares: Shares, ids: Array) -> Ragged:
+        new = np.repeat(np.arange(len(ids)), np.diff(shares.starts))
+        old_ids = self._ids[shares.old]
+        other = old_ids != ids[new]
+        new, old_ids = new[other], old_ids[other]
+        starts = np.zeros(len(ids) + 1, np.int64)
+        np.cumsum(np.bincount(new, minlength=len(ids)), out=starts[1:])
+        return Ragged(starts, old_ids[np.lexsort((old_ids, new))])
+
+
+def _share(labels: Array, old: Array, segments: int, old_ids: Array) -> Shares:
+    starts = np.zeros(segments + 1, np.int64)
+    pairs, points = np.empty(len(labels), np.int32), np.empty(len(labels), np.int64)
+    best_old = np.full(segments, -1, np.int32)
+    best_new = np.full(len(old_ids), -1, np.int32)
+    found = Shares(starts, pairs, points, best_old, best_new)
+    _fill(labels, old, old_ids, found)
+    return found._replace(old=pairs[: starts[-1]], points=points[: starts[-1]])
+
+
+@kernel
+def _fill(labels: Any, old: Any, old_ids: Any, shares: Any) -> None:
+    starts, pairs, points, best_old, best_new = shares
+    segments = len(starts) - 1
+    # The points by new segment, in order.
+    ends = np.zeros(segments + 1, np.int64)
+    for i in range(len(labels)):
+        if labels[i] >= 0:
+            ends[labels[i] + 1] += 1
+    for s in range(segments):
+        ends[s + 1] += ends[s]
+    place = ends.copy()
+    by_segment = np.empty(ends[segments], np.int32)
+    for i in range(len(labels)):
+        if labels[i] >= 0:
+            by_segment[place[labels[i]]] = old[i]
+            place[labels[i]] += 1
+    # What each old segment gave.
+    given = np.zeros(len(old_ids), np.int64)
+    most = np.zeros(len(old_ids), np.int64)
+    count = 0
+    for s in range(segments):
+        starts[s] = count
+        for k in range(ends[s], ends[s + 1]):
+            row = by_segment[k]
+            if row >= 0:
+                if given[row] == 0:
+                    pairs[count] = row
+                    count += 1
+                given[row] += 1
+        best = -1
+        for pair in range(starts[s], count):
+            row = pairs[pair]
+            points[pair] = given[row]
+            if (
+                best < 0
+                or given[row] > given[best]
+                or (given[row] == given[best] and old_ids[row] < old_ids[best])
+            ):
+                best = row
+            if given[row] > most[row]:
+                most[row] = given[row]
+                best_new[row] = s
+        best_old[s] = best
+        for pair in range(starts[s], count):
+            given[pairs[pair]] = 0
+    starts[segments] = count
