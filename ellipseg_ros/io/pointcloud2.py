@@ -1,0 +1,287 @@
+"""sensor_msgs/PointCloud2 <-> arrays.
+
+Reading takes any object with the message's fields, be it rclpy's or rosbags'. sensor_msgs_py is no
+help here: it ignores row padding, treats NaN by `is_dense`, and is not on PyPI.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.colours import id_colours
+from ellipseg_ros.data import Array, Segmentation, Sweep
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.cdr import Cdr
+from ellipseg_ros.io.times import OFFSET, SECOND, time_offsets
+
+Layout = np.dtype[Any]
+
+# PointField's numbers for types.
+TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+NUMBERS = {kind: number for number, kind in TYPES.items()}
+PADDING = ("", "_")  # names that PCL gives to gaps
+OURS = ("label", "rgb", "object")  # fields that the node adds; an input's own become input_...
+FLOAT32_LOSS = 1e-3  # m: output points that float32 would move by more are float64
+
+
+# --- reading ---------------------------------------------------------------------------------
+
+
+def read_sweep(msg: Any) -> Sweep:
+    """The points of a PointCloud2, row by row; InputError says in one line why it can't be.
+
+    `points` are its x, y, z as float64, NaN kept. `fields` has the message's names, offsets and
+    point_step, in the byte order of this machine, and shares the message's memory where it can.
+    Per-point times: see times.py.
+    """
+    stamp_ns = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
+    frame_id = msg.header.frame_id
+    if not msg.width * msg.height and not msg.fields:
+        return Sweep(stamp_ns, np.zeros((0, 3)), frame_id=frame_id)
+    fields = read_fields(msg)
+    offsets = time_offsets(fields, stamp_ns)
+    return Sweep(stamp_ns, xyz(fields), offsets, fields, frame_id)
+
+
+def read_fields(msg: Any) -> Array:
+    """Every field of a PointCloud2: (n,) structured, in native byte order."""
+    count = msg.width * msg.height
+    layout = _layout(msg, count)
+    _check_xyz(layout)
+    if not count:
+        return np.zeros(0, layout.newbyteorder("="))
+    width, row_step = msg.width, msg.row_step
+    if msg.height == 1:  # then row_step means nothing, and many publishers leave it 0
+        row_step = width * msg.point_step
+    _check_size(msg, row_step)
+    data = memoryview(msg.data).cast("B")
+    rows = np.ndarray((msg.height, width), layout, data, strides=(row_step, msg.point_step))
+    return as_native(rows.reshape(count))
+
+
+def xyz(fields: Array) -> Array:
+    """Coordinates of structured points as (n, 3) float64, m."""
+    points = np.empty((len(fields), 3))
+    for column, name in enumerate("xyz"):
+        points[:, column] = fields[name]
+    return points
+
+
+def as_native(fields: Array) -> Array:
+    """Structured points in the byte order of this machine, the same layout otherwise."""
+    native = fields.dtype.newbyteorder("=")
+    if fields.dtype == native:
+        return fields
+    turned = np.zeros(len(fields), native)
+    for name in native.names or ():
+        turned[name] = fields[name]
+    return turned
+
+
+def _layout(msg: Any, count: int) -> Layout:
+    """The message's fields as a structured dtype with an itemsize of point_step."""
+    order = ">" if msg.is_bigendian else "<"
+    names: list[str] = []
+    formats: list[Any] = []
+    offsets: list[int] = []
+    end = 0
+    for field in msg.fields:
+        if field.name in PADDING:
+            continue
+        if field.name in names:
+            raise InputError(
+                f"the cloud has two fields named {field.name!r}; names must differ", "field_twice"
+            )
+        kind = _kind(field)
+        number = max(field.count, 1)  # some publishers say 0 and mean 1
+        end = field.offset + number * np.dtype(kind).itemsize
+        if count and end > msg.point_step:
+            raise InputError(
+                f"field {field.name!r} ends at byte {end} of a point, beyond point_step "
+                f"{msg.point_step}; it must end within",
+                "point_step",
+            )
+        names.append(field.name)
+        formats.append(order + kind if number == 1 else (order + kind, (number,)))
+        offsets.append(field.offset)
+    ends = [o + np.dtype(f).itemsize for o, f in zip(offsets, formats, strict=True)]
+    size = max([msg.point_step, *ends])
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
+
+
+def _kind(field: Any) -> str:
+    if field.datatype not in TYPES:
+        raise InputError(
+            f"field {field.name!r} has datatype {field.datatype}; PointField has 1 to 8",
+            "datatype",
+        )
+    return TYPES[field.datatype]
+
+
+def _check_xyz(layout: Layout) -> None:
+    names = layout.names or ()
+    missing = [name for name in "xyz" if name not in names]
+    if missing:
+        raise InputError(
+            f"the cloud has no field {', '.join(missing)}; it has {', '.join(names) or 'none'}, "
+            "and needs x, y and z",
+            "no_xyz",
+        )
+    for name in "xyz":
+        kind = layout[name]
+        if kind.kind != "f" or kind.shape:
+            raise InputError(
+                f"field {name!r} is {kind.base.name} with count {max(kind.shape, default=1)}; "
+                "it must be one float32 or float64",
+                "xyz_type",
+            )
+
+
+def _check_size(msg: Any, row_step: int) -> None:
+    if row_step < msg.width * msg.point_step:
+        raise InputError(
+            f"row_step is {row_step}; {msg.width} points of {msg.point_step} bytes need at least "
+            f"{msg.width * msg.point_step}",
+            "row_step",
+        )
+    needed = (msg.height - 1) * row_step + msg.width * msg.point_step
+    if len(msg.data) < needed:
+        raise InputError(
+            f"the cloud holds {len(msg.data)} bytes of data; {msg.height} x {msg.width} points "
+            f"need {needed}",
+            "short_data",
+        )
+
+
+# --- writing ---------------------------------------------------------------------------------
+
+
+def write_labelled(found: Segmentation) -> bytes:
+    """The window's points as a serialized PointCloud2: what came in, plus `label` and `rgb`.
+
+    See labelled_fields. All points are there: segmented, isolated, rejected and thinned ones.
+    """
+    return write_cloud(labelled_fields(found), found.end_ns, found.frame_id)
+
+
+def write_sweep(sweep: Sweep) -> bytes:
+    """A sweep as a serialized PointCloud2 that read_sweep reads as the same sweep.
+
+    Times that its own fields don't tell are appended as `offset_time` (float64, ns).
+    """
+    fields = with_xyz(sweep.points, sweep.fields, loss=0.0)
+    if not np.array_equal(time_offsets(fields, sweep.stamp_ns), sweep.offsets_ns):
+        fields = append_fields(fields, {OFFSET: sweep.offsets_ns.astype(np.float64)}, (OFFSET,))
+    return write_cloud(fields, sweep.stamp_ns, sweep.frame_id)
+
+
+def labelled_fields(found: Segmentation) -> Array:
+    """The input's fields at their places, then `label` uint32 and `rgb`: (n,) structured.
+
+    label: id of the point's segment, 0 for none. rgb: as PCL and RViz have it, the bytes of
+    0x00RRGGBB typed as float32. An input field called label, rgb or object becomes input_...
+    """
+    red, green, blue = id_colours(np.append(found.ids, 0)).astype(np.uint32).T
+    packed = (red << 16 | green << 8 | blue).view(np.float32)
+    added = {"label": found.point_ids, "rgb": packed[np.maximum(found.labels, -1)]}
+    return append_fields(with_xyz(found.points, found.fields, FLOAT32_LOSS), added, OURS)
+
+
+def with_xyz(points: Array, fields: Array | None, loss: float) -> Array:
+    """`fields` in types that PointField knows; if they lack x, y, z, those in front.
+
+    New coordinates are float32, or float64 where float32 would be off by more than `loss` m.
+    """
+    names = () if fields is None else fields.dtype.names or ()
+    if fields is not None and all(name in names for name in "xyz"):
+        return _carriable(fields)
+    finite = points[np.isfinite(points).all(axis=1)]
+    with np.errstate(over="ignore"):
+        moved = np.abs(finite - finite.astype(np.float32))
+    kind = "f8" if moved.max(initial=0.0) > loss else "f4"
+    base = np.zeros(len(points), [(name, kind) for name in "xyz"])
+    for column, name in enumerate("xyz"):
+        with np.errstate(over="ignore"):
+            base[name] = points[:, column]
+    if fields is None:
+        return base
+    return append_fields(base, {name: _carriable(fields)[name] for name in names}, ())
+
+
+def append_fields(fields: Array, added: dict[str, Array], reserved: tuple[str, ...]) -> Array:
+    """Put columns behind the fields that are there; those with a reserved name become input_..."""
+    names = list(fields.dtype.names or ())
+    for name in reserved:
+        if name in names:
+            names[names.index(name)] = _free_name(name, names)
+    formats: list[Any] = [kind for kind, *_ in (fields.dtype.fields or {}).values()]
+    offsets = [place for _, place, *_ in (fields.dtype.fields or {}).values()]
+    old = end = fields.dtype.itemsize
+    for name, column in added.items():
+        kind = np.dtype((column.dtype, column.shape[1:]))
+        end += -end % kind.base.itemsize
+        names.append(name)
+        formats.append(kind)
+        offsets.append(end)
+        end += kind.itemsize
+    end += -end % 4
+    layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
+    grown = np.zeros(len(fields), layout)
+    # As bytes: field by field would be slower, and lose what lies between them.
+    as_bytes(grown)[:, :old] = as_bytes(np.ascontiguousarray(fields))
+    for name, column in added.items():
+        grown[name] = column
+    return grown
+
+
+def as_bytes(fields: Array) -> Array:
+    """(n,) structured, contiguous -> (n, itemsize) uint8, the same memory."""
+    return fields.view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
+
+
+def _free_name(name: str, taken: list[str]) -> str:
+    while name in taken:
+        name = f"input_{name}"
+    return name
+
+
+def _carriable(fields: Array) -> Array:
+    """The fields, those of a type that PointField lacks in the next one that it has."""
+    kinds = {name: _carried(name, fields.dtype[name]) for name in fields.dtype.names or ()}
+    if all(fields.dtype[name] == kind for name, kind in kinds.items()):
+        return fields
+    carried = np.zeros(len(fields), list(kinds.items()))
+    for name in kinds:
+        carried[name] = fields[name]
+    return carried
+
+
+def _carried(name: str, kind: Layout) -> Layout:
+    """bool -> uint8, float16 -> float32, 64-bit integers -> float64 (exact up to 2^53)."""
+    base = kind.base.newbyteorder("=")
+    if base.str[1:] in NUMBERS:
+        return np.dtype((base, kind.shape))
+    wider = {"b1": "u1", "f2": "f4", "i8": "f8", "u8": "f8"}.get(base.str[1:])
+    if wider is None:
+        raise InputError(
+            f"field {name!r} is {base.name}; a cloud holds numbers only", "field_type"
+        )
+    return np.dtype((wider, kind.shape))
+
+
+def write_cloud(fields: Array, stamp_ns: int, frame_id: str) -> bytes:
+    """Structured points with x, y, z as a serialized PointCloud2, little-endian, one row."""
+    fields = np.ascontiguousarray(fields)
+    out = Cdr()
+    out.header(stamp_ns, frame_id)
+    out.put("II", 1, len(fields))
+    layout = fields.dtype
+    out.put("I", len(layout.names or ()))
+    for name, (kind, place, *_) in (layout.fields or {}).items():
+        out.text(name)
+        out.put("IBI", place, NUMBERS[kind.base.str[1:]], int(np.prod(kind.shape, dtype=int)))
+    out.put("?II", False, layout.itemsize, layout.itemsize * len(fields))
+    out.put("I", fields.nbytes)
+    out.bulk(fields.view(np.uint8).data)
+    out.put("?", all(bool(np.isfinite(fields[name]).all()) for name in "xyz"))
+    return out.bytes()
