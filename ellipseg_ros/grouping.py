@@ -51,11 +51,10 @@ class Grouping:
         """Close the open group as it is: at the end of a file, before a restart."""
         if not self._open:
             return []
-        group = join_sweeps(self._open)
-        self._open = []
+        parts, self._open = self._open, []  # before joining, which may raise InputError
         passed = (self._newest - self._first) // self._period
         self._boundary = self._first + (passed + 1) * self._period
-        return [group]
+        return [join_sweeps(parts)]
 
     def _why_restart(self, sweep: Sweep) -> str:
         if not self._started:
