@@ -11,6 +11,9 @@ string is its length with the closing NUL (uint32), its bytes, NUL; a sequence i
 import struct
 from typing import Any
 
+import numpy as np
+
+from ellipseg_ros.data import Array, Ragged
 from ellipseg_ros.io.times import SECOND
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # the header
@@ -57,3 +60,95 @@ class Cdr:
     def bytes(self) -> bytes:
         """The whole message, header included."""
         return b"".join(self._parts)
+
+    def records(self, columns: dict[str, Array], tail: Ragged | None = None) -> None:
+        """Append a sequence of n records.
+
+        columns: name -> (n,) or (n, k) numbers of 1, 4 or 8 bytes, or (n,) texts (see `texts`), in
+            the order of the message's fields, the first of 4 bytes. Names are free.
+        tail: n rows of 4-byte numbers: a sequence of its own that closes each record.
+        """
+        count = len(next(iter(columns.values())))
+        self.put("I", count)
+        if count:
+            self.bulk(_records(columns, tail, self.size))
+
+    def numbers(self, values: Array) -> None:
+        """Append a sequence of 4-byte numbers."""
+        self.put("I", len(values))
+        self.bulk(np.ascontiguousarray(values).tobytes())
+
+
+def texts(value: str, count: int) -> Array:
+    """The same string for `count` records."""
+    encoded = value.encode() + b"\0"
+    layout = np.dtype([("length", "<u4"), ("characters", f"V{len(encoded)}")])
+    return np.full(count, np.array((len(encoded), encoded), layout))
+
+
+def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Array:
+    """The bytes of n records of which the first begins at `start`, a multiple of 4.
+
+    A record that begins at a multiple of 8 has its gaps elsewhere than one that begins 4 behind
+    it, so there are two layouts. Which one a record has follows from the lengths of the tails.
+    """
+    count = len(next(iter(columns.values())))
+    layouts = {phase: _layout(columns, phase, tail is not None) for phase in (0, 4)}
+    extra = np.zeros(count, np.int64) if tail is None else 4 * np.diff(tail.starts)
+    phases = _phases(start % 8, {phase: kind.itemsize for phase, kind in layouts.items()}, extra)
+    sizes = np.where(phases == 0, layouts[0].itemsize, layouts[4].itemsize)
+    ends = np.cumsum(sizes + extra)
+    words = np.zeros(ends[-1] // 4, np.uint32)
+    for phase, layout in layouts.items():
+        rows = np.flatnonzero(phases == phase)
+        block = np.zeros(len(rows), layout)
+        for name, column in columns.items():
+            block[name] = column[rows]
+        if tail is not None:
+            block["tail length"] = extra[rows] // 4
+        begins = (ends - extra - sizes)[rows] // 4
+        within = np.arange(layout.itemsize // 4)
+        words[begins[:, None] + within] = block.view(np.uint32).reshape(len(rows), len(within))
+    if tail is not None:
+        shift = np.repeat((ends - extra) // 4 - tail.starts[:-1], np.diff(tail.starts))
+        words[np.arange(len(shift)) + shift] = tail.values.astype(np.uint32)
+    end = sizes[-1] - _layout(columns, int(phases[-1]), tail is not None, padded=False).itemsize
+    return words.view(np.uint8)[: len(words) * 4 - end]
+
+
+def _phases(first: int, sizes: dict[int, int], extra: Array) -> Array:
+    """(n,) 0 or 4: where each record begins, modulo 8.
+
+    All records hold a number of 8 bytes, and so the layout behind it is the same in both phases:
+    the end of a record, without its tail, does not depend on where it began.
+    """
+    phases = np.empty(len(extra), np.int64)
+    phases[0] = first
+    phases[1:] = (first + sizes[first] + extra[:-1]) % 8
+    return phases
+
+
+def _layout(
+    columns: dict[str, Array], start: int, tail: bool, padded: bool = True
+) -> np.dtype[Any]:
+    """A record that begins at `start` modulo 8; `padded` to where the next one may begin."""
+    kinds: dict[str, np.dtype[Any]] = {
+        name: np.dtype((c.dtype, c.shape[1:])) for name, c in columns.items()
+    }
+    if tail:
+        kinds["tail length"] = np.dtype("<u4")
+    offsets = []
+    place = start
+    for kind in kinds.values():
+        place += -place % (4 if kind.names else kind.base.itemsize)
+        offsets.append(place - start)
+        place += kind.itemsize
+    size = place - start
+    return np.dtype(
+        {
+            "names": list(kinds),
+            "formats": list(kinds.values()),
+            "offsets": offsets,
+            "itemsize": size + (-size % 4 if padded else 0),
+        }
+    )

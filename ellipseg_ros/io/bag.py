@@ -1,0 +1,253 @@
+"""Bags of ROS 1 and ROS 2, read and written without ROS.
+
+rosbags: pure Python, maintained by its authors since 2020, reads ROS 1 bags, sqlite3 and mcap.
+Its Readers are used rather than its AnyReader, which gives up on a bag if it can't understand the
+definition of any of its types, and PointCloud2 is the same in every ROS.
+"""
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import Reader as Reader2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+import ellipseg_ros
+from ellipseg_ros.config import NodeConfig
+from ellipseg_ros.data import Segmentation, Sweep
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+TYPES = {
+    "/points": CLOUD,
+    "/segmented_points": CLOUD,
+    "/ellipsoids": "visualization_msgs/msg/MarkerArray",
+    "/segments": "ellipseg_ros/msg/SegmentArray",
+}  # of the node's topics
+SUFFIXES = (".bag", ".mcap", ".db3")
+RECORDING: Literal[9] = 9  # version of the bag format that is written: that of Jazzy
+
+
+# --- reading ---------------------------------------------------------------------------------
+
+
+class BagSweeps:
+    """The clouds of one topic of a bag, in the order of the bag; may be iterated again and again.
+
+    path: a .bag of ROS 1; a bag folder of ROS 2; or one .mcap or .db3 file of it.
+    topic: of type PointCloud2; may be left out if the bag has only one such topic.
+    Raises InputError, at once or while iterating, if the bag or one of its clouds can't be read.
+    """
+
+    def __init__(self, path: Path, topic: str = "") -> None:
+        self.path = _storage(path)
+        with _opened(self.path) as reader:
+            self.topic = _choose(path, reader.connections, topic)
+            self.count = sum(c.msgcount for c in reader.connections if c.topic == self.topic)
+            self.duration = reader.duration / 1e9  # s, of the whole bag
+        first = next(iter(self), None)
+        if first is None:
+            raise InputError(f"{path} has no message on {self.topic}; record some", "empty")
+        self.frame_id = first.frame_id
+
+    def __iter__(self) -> Iterator[Sweep]:
+        with _opened(self.path) as reader:
+            chosen = [c for c in reader.connections if c.topic == self.topic]
+            for number, (_, _, raw) in enumerate(reader.messages(chosen)):
+                yield self._read(raw, number)
+
+    def _read(self, raw: bytes, number: int) -> Sweep:
+        if self.path.suffix == ".bag":
+            msg = _store(Stores.ROS1_NOETIC).deserialize_ros1(raw, CLOUD)
+        else:
+            msg = _store(Stores.ROS2_JAZZY).deserialize_cdr(raw, CLOUD)
+        try:
+            return read_sweep(msg)
+        except InputError as error:
+            place = f"message {number} of {self.topic} in {self.path}"
+            raise InputError(f"{place}: {error}", error.reason) from error
+
+
+def is_bag(path: Path) -> bool:
+    """Whether the path looks like a bag, by its suffix or by what the folder holds."""
+    return path.suffix in SUFFIXES or (path.is_dir() and bool(_parts(path)))
+
+
+def _parts(folder: Path) -> list[Path]:
+    """The storage files of a bag folder, and its metadata."""
+    return sorted(p for p in folder.iterdir() if p.suffix in SUFFIXES or p.name == "metadata.yaml")
+
+
+def _storage(path: Path) -> Path:
+    """What rosbags is to open: `path`, or the one storage file of a folder without metadata."""
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return path
+    parts = _parts(path)
+    if len(parts) != 1:
+        raise InputError(
+            f"{path} has no metadata.yaml, and {len(parts) or 'no'} storage files; "
+            "`ros2 bag reindex` makes it whole, or give one of the files",
+            "bad_bag",
+        )
+    return parts[0]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Reader1 | Reader2]:
+    """A reader of the bag; whatever fails in it becomes one line.
+
+    rosbags' errors have no common base, and damaged data raise those of struct, lz4 and sqlite3,
+    hence every Exception. Nothing of the consumer's is caught: a generator doesn't see that.
+    """
+    try:
+        with (Reader1 if path.suffix == ".bag" else Reader2)(path) as reader:
+            yield reader
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"{path} can't be read as a bag ({reason}); "
+            "it must be a complete .bag, .mcap or .db3, or a folder of `ros2 bag record`",
+            "bad_bag",
+        ) from error
+
+
+def _choose(path: Path, connections: list[Connection], topic: str) -> str:
+    """The topic to read; InputError lists what there is."""
+    clouds = sorted({c.topic for c in connections if c.msgtype == CLOUD})
+    listed = ", ".join(clouds)
+    if not clouds:
+        every = ", ".join(sorted({c.topic for c in connections})) or "no topic"
+        raise InputError(f"{path} has no topic of type PointCloud2; it has {every}", "no_topic")
+    if topic:
+        wanted = f"/{topic.lstrip('/')}"
+        if wanted not in clouds:
+            raise InputError(
+                f"{path} has no PointCloud2 topic {wanted}; it has {listed}", "no_topic"
+            )
+        return wanted
+    if len(clouds) > 1:
+        raise InputError(
+            f"{path} has several PointCloud2 topics; choose one: {listed}", "no_topic"
+        )
+    return clouds[0]
+
+
+# --- writing ---------------------------------------------------------------------------------
+
+
+class BagSink:
+    """Writes a ROS 2 bag (mcap, zstd) with the node's topics; a context manager.
+
+    The bag appears at `path` when the `with` block ends well, and not at all if it doesn't.
+    Raises InputError if the path exists or can't be written.
+    """
+
+    def __init__(self, path: Path, config: NodeConfig | None = None) -> None:
+        if path.exists():
+            raise InputError(f"{path} exists already; give a bag that is to be made", "exists")
+        self.path = path
+        self._markers = Markers(config or NodeConfig())
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> "BagSink":
+        with self._one_line():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = Path(
+                tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.parent)
+            )
+            try:
+                self._writer = _writer(self._folder / self.path.name)
+            except BaseException:
+                shutil.rmtree(self._folder, ignore_errors=True)
+                raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        try:
+            if kind is None:
+                with self._one_line():
+                    self._writer.close()
+                    (self._folder / self.path.name).rename(self.path)
+            else:
+                self._writer.abort()
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def write_points(self, sweep: Sweep) -> None:
+        """An input cloud, on /points."""
+        self.write("/points", sweep.stamp_ns, write_sweep(sweep))
+
+    def write_update(self, found: Segmentation) -> None:
+        """What the node publishes of one update, at the time of its newest point."""
+        self.write("/segmented_points", found.end_ns, write_labelled(found))
+        self.write("/ellipsoids", found.end_ns, self._markers.update(found))
+        self.write("/segments", found.end_ns, write_segments(found))
+
+    def write(self, topic: str, time_ns: int, message: bytes) -> None:
+        """A serialized message of one of the TYPES."""
+        with self._one_line():
+            if topic not in self._connections:
+                self._connections[topic] = self._writer.add_connection(
+                    topic, TYPES[topic], typestore=node_types()
+                )
+            self._writer.write(self._connections[topic], time_ns, message)
+
+    @contextmanager
+    def _one_line(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InputError(f"{self.path} can't be written: {reason}", "write") from error
+
+
+def _writer(path: Path) -> Writer:
+    writer = Writer(path, version=RECORDING, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer.open()
+    return writer
+
+
+# --- types -----------------------------------------------------------------------------------
+
+
+@cache
+def _store(which: Stores) -> Typestore:
+    return get_typestore(which)
+
+
+@cache
+def node_types() -> Typestore:
+    """The message types of Jazzy and of this package, from its .msg files."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, Any] = {}
+    for path in sorted(_msg_folder().glob("*.msg")):
+        types |= get_types_from_msg(
+            path.read_text(encoding="utf-8"), f"ellipseg_ros/msg/{path.stem}"
+        )
+    store.register(types)
+    return store
+
+
+def _msg_folder() -> Path:
+    """msg/ of the checkout, or of the installation: below the prefix that the package is in."""
+    package = Path(ellipseg_ros.__path__[0]).resolve()
+    prefixes = [*package.parents[:5], Path(sys.prefix)]
+    places = [package.parent / "msg", *(p / "share/ellipseg_ros/msg" for p in prefixes)]
+    for place in places:
+        if (place / "SegmentArray.msg").exists():
+            return place
+    raise InputError("the .msg files of ellipseg_ros are not installed; install it anew", "no_msg")

@@ -1,0 +1,68 @@
+"""Made-up results, for tests of what becomes of them."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ellipseg_ros.data import Ellipsoids, Ragged, Segmentation, State
+
+
+def ellipsoids(count, rng):
+    """(s,) random ellipsoids of `count` points each, the first ones degenerate."""
+    s = len(count)
+    eigenvalues = -np.sort(-rng.exponential(size=(s, 3)), axis=1)
+    eigenvalues[:1] = 0.0
+    eigenvalues[1:2, 1:] = 0.0
+    total = np.where(eigenvalues.sum(axis=1) > 0, eigenvalues.sum(axis=1), 1.0)
+    planarity = 2 * (eigenvalues[:, 1] - eigenvalues[:, 2]) / total
+    cylindricality = (eigenvalues[:, 0] - eigenvalues[:, 1]) / total
+    axes = Rotation.random(s, rng=rng).as_matrix() if s else np.zeros((0, 3, 3))
+    mean = rng.normal(scale=50.0, size=(s, 3))
+    covariance = np.einsum("sij,sj,skj->sik", axes, eigenvalues, axes)
+    return Ellipsoids(
+        count=np.asarray(count, np.int64),
+        mean=mean,
+        covariance=covariance,
+        eigenvalues=eigenvalues,
+        axes=axes,
+        planarity=planarity,
+        cylindricality=cylindricality,
+        sphericity=1.0 - planarity - cylindricality,
+        aicc=rng.normal(size=s),
+        model_mean=mean,
+        model_covariance=covariance,
+    )
+
+
+def segmentation(points=400, segments=20, seed=0, **changes):
+    """A window of random points with random labels; `changes` replace parts of it."""
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(-3, segments, points).astype(np.int32)
+    count = np.bincount(labels[labels >= 0], minlength=segments)
+    lengths = rng.integers(0, 4, segments)
+    end_ns = 1_700_000_000_123_456_789
+    made = {
+        "labels": labels,
+        "ellipsoids": ellipsoids(count, rng),
+        "aicc": -123.5,
+        "criterion": "shape",
+        "threshold": 3.5,
+        "origin": np.zeros(3),
+        "points": rng.normal(scale=50.0, size=(points, 3)).astype(np.float32).astype(np.float64),
+        "arrival": np.arange(points),
+        "times_ns": end_ns - rng.integers(0, 25_000_000_000, points),
+        "fields": None,
+        "frame_id": "odom",
+        "ids": rng.permutation(np.arange(1, segments + 1)).astype(np.uint32),
+        "state": rng.integers(0, len(State), segments).astype(np.uint8),
+        "parents": Ragged(
+            np.append(0, np.cumsum(lengths)), rng.integers(1, 99, lengths.sum()).astype(np.uint32)
+        ),
+        "removed": np.array([77, 78], np.uint32),
+        "first_seen_ns": end_ns - rng.integers(10**10, 2 * 10**10, segments),
+        "last_seen_ns": end_ns - rng.integers(0, 10**10, segments),
+        "start_ns": end_ns - 25_000_000_000,
+        "end_ns": end_ns,
+        "sequence": 0,
+        "restart": "",
+    }
+    return Segmentation(**(made | changes))
