@@ -1,0 +1,1 @@
+"""The nodes: the only place for rclpy and generated messages."""

@@ -1,0 +1,72 @@
+"""The topics that the segmenter publishes; nothing is built for one without subscribers."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ellipseg_ros.config import NodeConfig
+from ellipseg_ros.data import Segmentation
+from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.msg import SegmentArray
+
+DEPTH = 10  # messages kept for a slow subscriber; all topics are reliable
+FAREWELL = Duration(seconds=0.2)  # that subscribers get to acknowledge the last message
+
+
+class Outputs:
+    """Publishes what was found; for one thread.
+
+    new_viewer: called, in the thread of the callbacks, when somebody subscribes to `ellipsoids`.
+    """
+
+    def __init__(self, node: Node, new_viewer: Callable[[], object]) -> None:
+        def matched(event: QoSPublisherMatchedInfo) -> None:
+            if event.current_count_change > 0:
+                new_viewer()
+
+        self._points = node.create_publisher(PointCloud2, "segmented_points", DEPTH)
+        self._ellipsoids = node.create_publisher(
+            MarkerArray,
+            "ellipsoids",
+            DEPTH,
+            event_callbacks=PublisherEventCallbacks(matched=matched),
+        )
+        self._segments = node.create_publisher(SegmentArray, "segments", DEPTH)
+        self._markers = Markers(NodeConfig())
+        self._latest: Segmentation | None = None
+
+    def publish(self, found: Segmentation, shown: NodeConfig) -> None:
+        """Send an update; `segments` comes last, so that it tells that all is sent."""
+        self._latest = found
+        self._markers.configure(shown)
+        send(self._points, lambda: write_labelled(found))
+        send(self._ellipsoids, lambda: self._markers.update(found))
+        send(self._segments, lambda: write_segments(found))
+
+    def show_all(self) -> None:
+        """Send every marker again."""
+        found = self._latest
+        if found is not None:
+            send(self._ellipsoids, lambda: self._markers.update(found, everything=True))
+
+    def clear(self) -> None:
+        """Take all markers away."""
+        self._latest = None
+        send(self._ellipsoids, lambda: MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+
+    def farewell(self) -> None:
+        """Take all markers away, and wait a moment for the subscribers to hear of it."""
+        self.clear()
+        self._ellipsoids.wait_for_all_acked(FAREWELL)
+
+
+def send(publisher: Any, write: Callable[[], Any]) -> None:
+    """Publish what `write` makes, a message or its bytes, if somebody listens."""
+    if publisher.get_subscription_count():
+        publisher.publish(write())

@@ -1,0 +1,166 @@
+"""The node `ellipseg_segmenter`: subscribes, converts, hands over, reports."""
+
+import re
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from ellipseg_ros.config import Config, NodeConfig, flatten
+from ellipseg_ros.data import Sweep
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.grouping import Grouping
+from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Update
+from ellipseg_ros.ros.health import Health
+from ellipseg_ros.ros.outputs import Outputs
+from ellipseg_ros.ros.parameters import Parameters
+from ellipseg_ros.ros.process import ClosableNode, End, run
+from ellipseg_ros.ros.worker import Around, Worker
+
+SENSOR = re.compile(
+    r"lidar|laser|velodyne|ouster|(^|/)os_|sensor|livox|hesai|pandar|rslidar|robosense|scan"
+    r"|camera|imu|base_(link|footprint|laser)",
+    re.IGNORECASE,
+)
+WORLD = re.compile(r"odom|map|world|earth|init|local|global|utm|enu", re.IGNORECASE)
+PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
+
+
+class SegmenterNode(ClosableNode):
+    """Carries clouds to the worker, and tells how it is going."""
+
+    def __init__(self, end: End) -> None:
+        super().__init__(
+            "ellipseg_segmenter", automatically_declare_parameters_from_overrides=True
+        )
+        self._parameters = Parameters(self, Config(), NodeConfig())
+        self._config, self._shown = self._parameters.records()
+        self._parameters.on_change(self._take_parameters)
+        self._grouping = Grouping(self._config)
+        self._backlog = Backlog()
+        self._health = Health()
+        self._frames: set[str] = set()  # those that were looked at
+        self._outputs = Outputs(self, lambda: self._backlog.put(ShowAll()))
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_service(Trigger, "~/reset", self._reset)
+        around = Around(
+            self._backlog, self._outputs, self._health, self.get_logger(), self._subscribe, end
+        )
+        self._worker = Worker(self._config, around)
+        self._worker.start()
+
+    def close(self) -> bool:
+        """Take the markers away and end the worker; False if it is still at an update."""
+        self._backlog.close()
+        self._worker.join(PATIENCE)
+        self._outputs.farewell()
+        return not self._worker.is_alive()
+
+    def _subscribe(self) -> None:
+        """Called by the worker when all is compiled."""
+        lost = SubscriptionEventCallbacks(message_lost=self._on_lost)
+        self.create_subscription(
+            PointCloud2, "points", self._on_cloud, input_qos(self._shown), event_callbacks=lost
+        )
+        values = {**flatten(self._config), **flatten(self._shown)}
+        self.get_logger().info(
+            "ready; " + ", ".join(f"{name} {value}" for name, value in values.items())
+        )
+
+    def _on_cloud(self, msg: PointCloud2) -> None:
+        arrived = time.monotonic()
+        self._health.cloud()
+        try:
+            sweep = read_sweep(msg)
+            self._look_at_frame(sweep.frame_id)
+            self._hand_over(self._grouping.push(sweep), arrived)
+        except InputError as error:
+            self._health.rejected(error.reason)
+            self.get_logger().warning(f"cloud rejected: {error}", throttle_duration_sec=5.0)
+
+    def _hand_over(self, groups: list[Sweep], arrived: float) -> None:
+        for group in groups:
+            update = Update(group, self._config, self._shown, arrived)
+            overload = self._backlog.put(update, self._shown.max_backlog)
+            if overload is not None:
+                self._health.overloaded(overload.joined, overload.given_up)
+                self.get_logger().warning(
+                    "too slow for these clouds: updates are taken together; segments stay exact, "
+                    "ids may differ from a slower replay (max_points_per_second thins the clouds)",
+                    throttle_duration_sec=5.0,
+                )
+
+    def _look_at_frame(self, frame_id: str) -> None:
+        if frame_id in self._frames:
+            return
+        self._frames.add(frame_id)
+        self._health.sensor_frame = frame_id if looks_like_a_sensor(frame_id) else ""
+        if self._health.sensor_frame:
+            self.get_logger().warning(
+                f"THE CLOUDS ARE IN FRAME {frame_id!r}, WHICH LOOKS LIKE A SENSOR'S: registered "
+                "clouds are expected, in a fixed frame such as odom; else a window of a moving "
+                "sensor is smeared"
+            )
+
+    def _on_lost(self, event: QoSMessageLostInfo) -> None:
+        self._health.lost(event.total_count_change)
+        self.get_logger().warning(
+            f"{event.total_count_change} clouds were lost on the way; ask for input_reliability "
+            "reliable or a larger input_depth",
+            throttle_duration_sec=5.0,
+        )
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Between the clouds that came before the call and those that come after it."""
+        try:
+            self._hand_over(self._grouping.flush(), time.monotonic())
+        except InputError as error:
+            self._health.rejected(error.reason)
+        self._grouping = Grouping(self._config)
+        self._backlog.put(Reset("~/reset was called"))
+        response.success = True
+        response.message = "the window begins anew with the next cloud; ids go on"
+        return response
+
+    def _take_parameters(self) -> None:
+        self._config, self._shown = self._parameters.records()
+        self._grouping.configure(self._config)
+
+    def _report(self) -> None:
+        report = self._health.report(self._backlog.waiting())
+        status = DiagnosticStatus(
+            level=bytes([report.level]),
+            name=f"{self.get_fully_qualified_name().lstrip('/')}: segmentation",
+            message=report.message,
+            values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def looks_like_a_sensor(frame_id: str) -> bool:
+    """Whether clouds in this frame move with the vehicle, going by its name."""
+    return bool(SENSOR.search(frame_id)) and not WORLD.search(frame_id)
+
+
+def input_qos(shown: NodeConfig) -> QoSProfile:
+    """How the node listens to `points`."""
+    reliable = shown.input_reliability == "reliable"
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=shown.input_depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+    )
+
+
+def main(args: list[str] | None = None) -> int:
+    """`ros2 run ellipseg_ros segmenter`."""
+    return run(SegmenterNode, args)

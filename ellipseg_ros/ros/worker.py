@@ -1,0 +1,91 @@
+"""The thread that segments, so that arriving clouds never wait for it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from threading import Thread
+
+import numpy as np
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.data import Sweep
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Task, Update
+from ellipseg_ros.ros.health import Health
+from ellipseg_ros.ros.outputs import Outputs
+from ellipseg_ros.ros.process import End
+from ellipseg_ros.segmenter import Segmenter
+
+IDLE = 4.0  # s without a task after which all markers are sent again: they live 10 s
+
+
+@dataclass(frozen=True)
+class Around:
+    """What the worker works with."""
+
+    backlog: Backlog
+    outputs: Outputs
+    health: Health
+    logger: RcutilsLogger
+    ready: Callable[[], None]  # called when the kernels are compiled
+    end: End
+
+
+class Worker(Thread):
+    """Takes one task after the other: segments, and publishes what was found."""
+
+    def __init__(self, config: Config, around: Around) -> None:
+        super().__init__(name="segmenter", daemon=True)
+        self._config = config
+        self._segmenter = Segmenter(config)
+        self._around = around
+
+    def run(self) -> None:
+        """Work until the backlog is closed."""
+        backlog = self._around.backlog
+        try:
+            warm_up(self._config)
+            self._around.ready()
+            while not backlog.closed:
+                self._do(backlog.get(timeout=IDLE))
+        except Exception as error:
+            self._around.end(error)
+
+    def _do(self, task: Task | None) -> None:
+        if isinstance(task, Update):
+            self._update(task)
+        elif isinstance(task, Reset):
+            self._segmenter.reset(task.reason)
+            self._around.outputs.clear()
+        elif isinstance(task, ShowAll) or not self._around.backlog.closed:
+            self._around.outputs.show_all()
+
+    def _update(self, task: Update) -> None:
+        started = time.monotonic()
+        try:
+            if task.config != self._config:
+                self._segmenter.configure(task.config)
+                self._config = task.config
+            found = self._segmenter.process(task.sweep)
+        except InputError as error:
+            self._start_anew(error)
+            return
+        processed = time.monotonic()
+        if found.restart:
+            self._around.logger.warning(f"the window begins anew: {found.restart}")
+        self._around.outputs.publish(found, task.shown)
+        self._around.health.updated(found, processed - started, time.monotonic() - task.arrived)
+
+    def _start_anew(self, error: InputError) -> None:
+        self._around.health.rejected(error.reason)
+        self._around.logger.warning(f"clouds rejected: {error}", throttle_duration_sec=5.0)
+        self._segmenter.reset(str(error))
+        self._around.outputs.clear()
+
+
+def warm_up(config: Config) -> None:
+    """Compile the kernels on a few points, for every criterion: it may change at any time."""
+    points = np.random.default_rng(0).uniform(0.0, 3.0, (100, 3))
+    for criterion in CRITERIA:
+        Segmenter(replace(config, criterion=criterion)).process(Sweep(0, points))
