@@ -47,7 +47,7 @@ def read_fields(msg: Any) -> Array:
     """Every field of a PointCloud2: (n,) structured, in native byte order."""
     count = msg.width * msg.height
     layout = _layout(msg, count)
-    _check_xyz(layout)
+    check_xyz(layout)
     if not count:
         return np.zeros(0, layout.newbyteorder("="))
     width, row_step = msg.width, msg.row_step
@@ -118,7 +118,8 @@ def _kind(field: Any) -> str:
     return TYPES[field.datatype]
 
 
-def _check_xyz(layout: Layout) -> None:
+def check_xyz(layout: Layout) -> None:
+    """Raise InputError unless x, y and z are among the fields, and floating-point numbers."""
     names = layout.names or ()
     missing = [name for name in "xyz" if name not in names]
     if missing:
@@ -210,13 +211,14 @@ def with_xyz(points: Array, fields: Array | None, loss: float) -> Array:
 
 def append_fields(fields: Array, added: dict[str, Array], reserved: tuple[str, ...]) -> Array:
     """Put columns behind the fields that are there; those with a reserved name become input_..."""
-    names = list(fields.dtype.names or ())
+    old = places(fields.dtype)
+    names = list(old)
     for name in reserved:
         if name in names:
             names[names.index(name)] = _free_name(name, names)
-    formats: list[Any] = [kind for kind, *_ in (fields.dtype.fields or {}).values()]
-    offsets = [place for _, place, *_ in (fields.dtype.fields or {}).values()]
-    old = end = fields.dtype.itemsize
+    formats: list[Any] = [kind for kind, _ in old.values()]
+    offsets = [place for _, place in old.values()]
+    size = end = fields.dtype.itemsize
     for name, column in added.items():
         kind = np.dtype((column.dtype, column.shape[1:]))
         end += -end % kind.base.itemsize
@@ -228,10 +230,15 @@ def append_fields(fields: Array, added: dict[str, Array], reserved: tuple[str, .
     layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
     grown = np.zeros(len(fields), layout)
     # As bytes: field by field would be slower, and lose what lies between them.
-    as_bytes(grown)[:, :old] = as_bytes(np.ascontiguousarray(fields))
+    as_bytes(grown)[:, :size] = as_bytes(np.ascontiguousarray(fields))
     for name, column in added.items():
         grown[name] = column
     return grown
+
+
+def places(layout: Layout) -> dict[str, tuple[Layout, int]]:
+    """Type and offset of every field."""
+    return {name: (kind, place) for name, (kind, place, *_) in (layout.fields or {}).items()}
 
 
 def as_bytes(fields: Array) -> Array:
@@ -277,7 +284,7 @@ def write_cloud(fields: Array, stamp_ns: int, frame_id: str) -> bytes:
     out.put("II", 1, len(fields))
     layout = fields.dtype
     out.put("I", len(layout.names or ()))
-    for name, (kind, place, *_) in (layout.fields or {}).items():
+    for name, (kind, place) in places(layout).items():
         out.text(name)
         out.put("IBI", place, NUMBERS[kind.base.str[1:]], int(np.prod(kind.shape, dtype=int)))
     out.put("?II", False, layout.itemsize, layout.itemsize * len(fields))
