@@ -1,6 +1,8 @@
-"""Every setting, once: default, meaning, unit, limits. YAML, ROS parameters and CLI derive from it."""
+"""Every setting, once: default, meaning, unit, limits.
 
-import math
+The YAML file, the ROS parameters and the command line derive from it.
+"""
+
 from collections.abc import Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
@@ -46,19 +48,23 @@ class Checked:
 def checked(item: Field[Any], value: Any) -> Value:
     """Return `value` as the field's type, or raise ConfigError in one line."""
     limits: Setting = item.metadata["setting"]
-    kind = type(item.default)
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+    kind: type = type(item.default)
+    if kind is float and type(value) is int:
         value = float(value)
     if type(value) is not kind:
         raise ConfigError(
             f"{item.name} is {value!r}, of type {type(value).__name__}; it must be {kind.__name__}"
         )
     if limits.choices and value not in limits.choices:
-        raise ConfigError(f"{item.name} is {value!r}; it must be one of {', '.join(limits.choices)}")
-    if limits.low is not None and not limits.low <= value <= (limits.high or math.inf):
-        span = f"from {limits.low:g} to {limits.high or math.inf:g} {limits.unit}".rstrip()
+        raise ConfigError(
+            f"{item.name} is {value!r}; it must be one of {', '.join(limits.choices)}"
+        )
+    low, high = limits.low, limits.high
+    if low is not None and high is not None and not low <= value <= high:
+        span = f"from {low:g} to {high:g} {limits.unit}".rstrip()
         raise ConfigError(f"{item.name} is {value:g}; it must be {span}")
-    return value  # type: ignore[no-any-return]  # the check above is the proof
+    checked_value: Value = value
+    return checked_value
 
 
 @dataclass(frozen=True)
@@ -121,7 +127,11 @@ class Config(Checked):
         high=3600.0,
     )
     max_points_per_second: int = setting(
-        0, "thin denser input to about this rate; 0: keep all", unit="1/s", low=0, high=1_000_000_000
+        0,
+        "thin denser input to about this rate; 0: keep all",
+        unit="1/s",
+        low=0,
+        high=1_000_000_000,
     )
     graph: GraphConfig = field(default_factory=GraphConfig)
     model: ModelConfig = field(default_factory=ModelConfig)

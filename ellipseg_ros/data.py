@@ -1,4 +1,7 @@
-"""The records that pass from stage to stage. Row i of every array of a record is the same thing."""
+"""The records that pass from stage to stage.
+
+Row i of every array of a record belongs to the same thing.
+"""
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -31,13 +34,17 @@ class Sweep:
     def __post_init__(self) -> None:
         points = np.ascontiguousarray(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
-            raise InputError(f"points have shape {points.shape}; they must have shape (n, 3)", "shape")
+            raise InputError(
+                f"points have shape {points.shape}; they must have shape (n, 3)", "shape"
+            )
         offsets = np.ascontiguousarray(self.offsets_ns, dtype=np.int64)
         if not len(offsets):
             offsets = np.zeros(len(points), np.int64)
         for name, column in (("offsets_ns", offsets), ("fields", self.fields)):
             if column is not None and len(column) != len(points):
-                raise InputError(f"{name} has {len(column)} rows for {len(points)} points", "shape")
+                raise InputError(
+                    f"{name} has {len(column)} rows for {len(points)} points", "shape"
+                )
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "offsets_ns", offsets)
 
@@ -105,7 +112,9 @@ def _union(layouts: list[np.dtype[Any]]) -> np.dtype[Any]:
         for name in layout.names or ():
             other = layout[name]
             if name in found and found[name].shape != other.shape:
-                raise InputError(f"field {name} changed its count within the window", "fields_changed")
+                raise InputError(
+                    f"field {name} changed its count within the window", "fields_changed"
+                )
             known = found.get(name, other)
             found[name] = np.dtype((np.promote_types(known.base, other.base), other.shape))
     return np.dtype(list(found.items()))

@@ -12,7 +12,9 @@ from ellipseg_ros.data import ISOLATED, Array, Ellipsoids, Segmentation, Sweep
 from ellipseg_ros.grouping import SECOND, why_restart
 
 
-def segment(points: Array, config: Config | None = None, origin: Array | None = None) -> Segmentation:
+def segment(
+    points: Array, config: Config | None = None, origin: Array | None = None
+) -> Segmentation:
     """Segment one cloud; points (n, 3), m. NaN and Inf are rejected, not refused.
 
     origin: (3,) m, subtracted first; None: whole kilometres near the cloud. A window's segmentation

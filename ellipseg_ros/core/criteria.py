@@ -1,7 +1,6 @@
 """When two segments are one: the merge criteria, and the information criterion behind them."""
 
 import math
-from typing import Any
 
 from ellipseg_ros.core.ellipsoids import (
     AXES,
@@ -18,7 +17,7 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 
 @kernel
-def shape_distance(nodes: Any, a: Any, b: Any, floor: Any, limit: Any) -> Any:
+def shape_distance(nodes, a, b, floor, limit):
     """Distance of two segments in terms of their own shape (paper, eq. 7); no unit.
 
     floor, m^2: least eigenvalue. Stops early, above `limit`, where the rest cannot bring it below:
@@ -60,7 +59,7 @@ def shape_distance(nodes: Any, a: Any, b: Any, floor: Any, limit: Any) -> Any:
 
 
 @kernel
-def _tilt(nodes: Any, a: Any, b: Any, axis: Any) -> Any:
+def _tilt(nodes, a, b, axis):
     """Squared sine of the angle between two axes."""
     cosine = (
         nodes[a, axis] * nodes[b, axis]
@@ -71,14 +70,16 @@ def _tilt(nodes: Any, a: Any, b: Any, axis: Any) -> Any:
 
 
 @kernel
-def density_distance(nodes: Any, union: Any, mass: Any) -> Any:
+def density_distance(nodes, union, mass):
     """Volume of the united ellipsoid per mass, m: the inverse of the paper's density (eq. 6)."""
     volume = (
         4.0
         / 3.0
         * math.pi
         * math.sqrt(
-            nodes[union, EIGENVALUES] * nodes[union, EIGENVALUES + 1] * nodes[union, EIGENVALUES + 2]
+            nodes[union, EIGENVALUES]
+            * nodes[union, EIGENVALUES + 1]
+            * nodes[union, EIGENVALUES + 2]
         )
     )
     if volume == 0.0:
@@ -87,7 +88,7 @@ def density_distance(nodes: Any, union: Any, mass: Any) -> Any:
 
 
 @kernel
-def segment_aicc(nodes: Any, i: Any, noise: Any) -> Any:
+def segment_aicc(nodes, i, noise):
     """Corrected Akaike information criterion of one segment (paper, eqs. 9-14).
 
     noise, m^2: least variance. The eigenvalues are modulated by the shape (eq. 13).

@@ -1,7 +1,7 @@
 """The graph's edges: each once, weighted, in the order in which they are walked."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,9 +40,7 @@ def find_edges(neighbours: Array, nodes: Array) -> Edges:
 
 
 @kernel
-def _find(
-    part: Any, following: Any, cuts: Any, neighbours: Any, nodes: Any, edges: Any, counts: Any
-) -> None:
+def _find(part, following, cuts, neighbours, nodes, edges, counts):
     """The edges that the rows of one part own: i's to its later neighbours, and to the earlier
     ones that do not have it among theirs."""
     weight, left, right = edges
@@ -70,7 +68,7 @@ def _find(
 
 
 @kernel
-def edge_weight(nodes: Any, i: Any, j: Any) -> Any:
+def edge_weight(nodes, i, j):
     """Initial weight of an edge, m: the gap, more across a plane and between tilted ones.
 
     The paper gives words only [choice: DESIGN 2.5].

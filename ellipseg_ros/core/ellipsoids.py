@@ -1,7 +1,6 @@
 """Moments of point sets, and the shape that they have."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -36,9 +35,9 @@ def neighbour_masses(points: Array, neighbours: Array) -> Array:
 
 
 def segment_moments(points: Array, labels: Array, segments: int) -> Array:
-    """Nodes (s, 24) of the points themselves; labels (n,) int32, negative for none.
+    """Nodes (s, 24) of the points themselves; labels (n,) int32, -1 for none.
 
-    The mean is exact to an ulp of the extent: sums run in the order of the points, about the first.
+    Sums run in the order of the points, about the first: exact to an ulp of the extent.
     """
     nodes = np.zeros((segments, WIDTH))
     _sum_points(points, labels, nodes)
@@ -47,7 +46,7 @@ def segment_moments(points: Array, labels: Array, segments: int) -> Array:
 
 
 @kernel
-def _initial(start: Any, stop: Any, points: Any, neighbours: Any, nodes: Any) -> None:
+def _initial(start, stop, points, neighbours, nodes):
     k = neighbours.shape[1]
     for i in range(start, stop):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -84,7 +83,7 @@ def _initial(start: Any, stop: Any, points: Any, neighbours: Any, nodes: Any) ->
 
 
 @kernel
-def shape(nodes: Any, i: Any) -> None:
+def shape(nodes, i):
     """Eigenvalues, axes, planarity and cylindricality from the covariance (paper, eqs. 3-5)."""
     eigen(nodes, i, COVARIANCE, EIGENVALUES, AXES)
     e1, e2, e3 = nodes[i, EIGENVALUES], nodes[i, EIGENVALUES + 1], nodes[i, EIGENVALUES + 2]
@@ -99,7 +98,7 @@ def shape(nodes: Any, i: Any) -> None:
 
 
 @kernel
-def unite(nodes: Any, a: Any, b: Any, into: Any) -> None:
+def unite(nodes, a, b, into):
     """Moments of two disjoint sets taken together, and their shape.
 
     Source: Chan, Golub & LeVeque (1979), pairwise update, for covariances instead of sums.
@@ -129,7 +128,7 @@ def unite(nodes: Any, a: Any, b: Any, into: Any) -> None:
 
 
 @kernel
-def _masses(start: Any, stop: Any, points: Any, neighbours: Any, masses: Any) -> None:
+def _masses(start, stop, points, neighbours, masses):
     for i in range(start, stop):
         total = 0.0
         members = 0
@@ -149,7 +148,7 @@ def _masses(start: Any, stop: Any, points: Any, neighbours: Any, masses: Any) ->
 
 
 @kernel
-def _sum_points(points: Any, labels: Any, nodes: Any) -> None:
+def _sum_points(points, labels, nodes):
     """Count, mean and covariance of every segment, about its first point."""
     first = np.zeros((len(nodes), 3))
     for i in range(len(points)):
@@ -184,6 +183,6 @@ def _sum_points(points: Any, labels: Any, nodes: Any) -> None:
 
 
 @kernel
-def _shapes(start: Any, stop: Any, nodes: Any) -> None:
+def _shapes(start, stop, nodes):
     for i in range(start, stop):
         shape(nodes, i)

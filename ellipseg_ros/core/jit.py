@@ -22,11 +22,13 @@ _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
 def for_rows(function: Callable[..., Any], count: int, *args: Any) -> None:
     """Call `function(start, stop, *args)` so that the calls together cover rows 0 to count."""
     parts = min(THREADS, -(-count // LEAST)) if count else 0
-    for_parts([(count * k // parts, count * (k + 1) // parts) for k in range(parts)], function, *args)
+    for_parts(
+        [(count * k // parts, count * (k + 1) // parts) for k in range(parts)], function, *args
+    )
 
 
 def for_parts(parts: list[tuple[int, int]], function: Callable[..., Any], *args: Any) -> None:
-    """Call `function(*part, *args)` for every part; each thread takes the next one that is left."""
+    """Call `function(*part, *args)` for every part; a thread takes the next one that is left."""
     left = iter(parts)  # next() of a list's iterator is atomic
 
     def work() -> None:

@@ -6,7 +6,7 @@ monotonic operations, so it is never above that of a point inside, and pruning l
 All points of a leaf walk down the tree together.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ class Tree(NamedTuple):
     x: Array  # (n,) float64; NaN hides a point from queries
     y: Array
     z: Array
-    index: Array  # (n,) int32: the row of the point
+    rows: Array  # (n,) int32: the row of the point
     low: Array  # (nodes, 3) float64: corners of the nodes' boxes
     high: Array
     depth: int  # level of the leaves
@@ -40,15 +40,16 @@ def build(points: Array) -> Tree:
     high = np.full((2 << depth, 3), -np.inf)
     top = min(depth, 1)
     _split(1, top, rows, depth, low, high)
-    for_parts([(node, depth + 1) for node in range(1 << top, 2 << top)], _split, rows, depth, low, high)
-    index = rows[:, 3].astype(np.int32)
+    for_parts(
+        [(node, depth + 1) for node in range(1 << top, 2 << top)], _split, rows, depth, low, high
+    )
     x, y, z = (np.ascontiguousarray(rows[:, axis]) for axis in range(3))
-    return Tree(x, y, z, index, low, high, depth)
+    return Tree(x, y, z, rows[:, 3].astype(np.int32), low, high, depth)
 
 
 def hide(tree: Tree, hidden: Array) -> None:
     """Hide the points of the rows where `hidden` (n,) bool from later queries."""
-    tree.x[hidden[tree.index]] = np.nan
+    tree.x[hidden[tree.rows]] = np.nan
 
 
 def nearest(tree: Tree, wanted: Array, found: Array, squared: Array) -> None:
@@ -58,12 +59,16 @@ def nearest(tree: Tree, wanted: Array, found: Array, squared: Array) -> None:
     fewer than k others.
     """
     leaves = 1 << tree.depth
-    parts = [(leaves * k // 8, leaves * (k + 1) // 8) for k in range(8)] if leaves > 64 else [(0, leaves)]
+    parts = (
+        [(leaves * k // 8, leaves * (k + 1) // 8) for k in range(8)]
+        if leaves > 64
+        else [(0, leaves)]
+    )
     for_parts(parts, _nearest, tree, wanted, found, squared)
 
 
 @kernel
-def _split(node: Any, stop: Any, rows: Any, depth: Any, low: Any, high: Any) -> None:
+def _split(node, stop, rows, depth, low, high):
     """Order `rows` below `node` down to the level before `stop`; set the boxes met."""
     stack = [node]
     while len(stack) > 0:
@@ -91,8 +96,8 @@ def _split(node: Any, stop: Any, rows: Any, depth: Any, low: Any, high: Any) -> 
 
 
 @kernel
-def _select(rows: Any, left: Any, right: Any, middle: Any, axis: Any) -> None:
-    """Hoare's selection: rows[left:middle] <= rows[middle] <= rows[middle + 1:right + 1] on `axis`."""
+def _select(rows, left, right, middle, axis):
+    """Hoare's selection: on `axis`, earlier rows are at most, later ones at least `middle`'s."""
     while left < right:
         a, b, c = rows[left, axis], rows[(left + right) >> 1, axis], rows[right, axis]
         pivot = max(min(a, b), min(max(a, b), c))
@@ -116,58 +121,40 @@ def _select(rows: Any, left: Any, right: Any, middle: Any, axis: Any) -> None:
 
 
 @kernel
-def _nearest(first: Any, last: Any, tree: Any, wanted: Any, found: Any, squared: Any) -> None:
+def _nearest(first, last, tree, wanted, found, squared):  # noqa: PLR0915  # see below
     """The neighbours of the points in the leaves first to last.
 
-    One long function on purpose: slices and tuples of arrays handed to others cost reference
-    counts, which double the time.
+    With the insertion in a function of its own, or the arrays taken out of the tuple further down,
+    it takes 1.5 times as long: numba counts references at every call.
     """
-    x, y, z, index, low, high, depth = tree
-    n, k = len(x), found.shape[1]
-    leaves = 1 << depth
-    near, near_squared = np.empty((2 * LEAF, k), np.int32), np.empty((2 * LEAF, k))
-    queries = np.empty(2 * LEAF, np.int64)
+    x, y, z, rows, low, high, depth = tree
+    n, k, leaves = len(x), found.shape[1], 1 << depth
+    near, near_squared = np.empty((LEAF, k), np.int32), np.empty((LEAF, k))
+    queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
     stack, gaps = np.empty(64, np.int64), np.empty(64)
     for leaf in range(first, last):
-        # The wanted points of the leaf and their box.
         count = 0
-        x0 = y0 = z0 = np.inf
-        x1 = y1 = z1 = -np.inf
         for position in range((leaf * n) >> depth, ((leaf + 1) * n) >> depth):
-            if wanted[index[position]] and not np.isnan(x[position]):
+            if wanted[rows[position]] and not np.isnan(x[position]):
                 queries[count] = position
                 for slot in range(k):
                     near[count, slot], near_squared[count, slot] = -1, np.inf
                 count += 1
-                x0, x1 = min(x0, x[position]), max(x1, x[position])
-                y0, y1 = min(y0, y[position]), max(y1, y[position])
-                z0, z1 = min(z0, z[position]), max(z1, z[position])
         if count == 0:
             continue
-        # Down the tree, the own leaf first, then the nearer child first.
+        _bound(x, y, z, queries, count, box)
+        # Down the tree: the own leaf first, then always the nearer child.
         stack[0], gaps[0], stack[1], gaps[1], top = 1, 0.0, leaves + leaf, 0.0, 2
-        worst, own_done = np.inf, False
+        worst, fresh = np.inf, True
         while top > 0:
             top -= 1
             node = stack[top]
-            if gaps[top] > worst or (own_done and node == leaves + leaf):
+            if gaps[top] > worst or (node == leaves + leaf and not fresh):
                 continue
-            own_done = True
             if node < leaves:
-                for child in (2 * node, 2 * node + 1):
-                    dx = max(0.0, low[child, 0] - x1, x0 - high[child, 0])
-                    dy = max(0.0, low[child, 1] - y1, y0 - high[child, 1])
-                    dz = max(0.0, low[child, 2] - z1, z0 - high[child, 2])
-                    gap = dx * dx + dy * dy + dz * dz
-                    if gap <= worst:
-                        stack[top], gaps[top] = child, gap
-                        top += 1
-                        if child == 2 * node + 1 and top > 1 and stack[top - 2] == 2 * node:
-                            if gaps[top - 2] < gap:
-                                stack[top - 1], stack[top - 2] = stack[top - 2], stack[top - 1]
-                                gaps[top - 1], gaps[top - 2] = gaps[top - 2], gaps[top - 1]
+                top = _descend(low, high, node, box, worst, stack, gaps, top)
                 continue
-            # A leaf: offer its points to every query that they may come near enough to.
+            fresh = False
             start, end = ((node - leaves) * n) >> depth, ((node - leaves + 1) * n) >> depth
             worst = 0.0
             for q in range(count):
@@ -182,7 +169,7 @@ def _nearest(first: Any, last: Any, tree: Any, wanted: Any, found: Any, squared:
                         dx, dy, dz = x[other] - px, y[other] - py, z[other] - pz
                         d = dx * dx + dy * dy + dz * dz
                         if d <= limit and other != here:
-                            candidate = index[other]
+                            candidate = rows[other]
                             slot = k - 1
                             if d == limit and near[q, slot] >= 0 and candidate > near[q, slot]:
                                 continue
@@ -197,6 +184,40 @@ def _nearest(first: Any, last: Any, tree: Any, wanted: Any, found: Any, squared:
                             limit = near_squared[q, k - 1]
                 worst = max(worst, limit)
         for q in range(count):
-            row = index[queries[q]]
+            row = rows[queries[q]]
             for slot in range(k):
                 found[row, slot], squared[row, slot] = near[q, slot], near_squared[q, slot]
+
+
+@kernel
+def _bound(x, y, z, queries, count, box):
+    """Corners of the box around some positions."""
+    box[0], box[1] = np.inf, -np.inf
+    for q in range(count):
+        here = queries[q]
+        box[0, 0], box[1, 0] = min(box[0, 0], x[here]), max(box[1, 0], x[here])
+        box[0, 1], box[1, 1] = min(box[0, 1], y[here]), max(box[1, 1], y[here])
+        box[0, 2], box[1, 2] = min(box[0, 2], z[here]), max(box[1, 2], z[here])
+
+
+@kernel
+def _descend(low, high, node, box, worst, stack, gaps, top):
+    """Stack the children of a node that may hold neighbours, the nearer one on top."""
+    left, right = _gap(low, high, 2 * node, box), _gap(low, high, 2 * node + 1, box)
+    nearer = 2 * node if left <= right else 2 * node + 1
+    if max(left, right) <= worst:
+        stack[top], gaps[top] = 4 * node + 1 - nearer, max(left, right)
+        top += 1
+    if min(left, right) <= worst:
+        stack[top], gaps[top] = nearer, min(left, right)
+        top += 1
+    return top
+
+
+@kernel
+def _gap(low, high, node, box):
+    """Squared distance of two boxes; rounding never puts it above that of two points inside."""
+    dx = max(0.0, low[node, 0] - box[1, 0], box[0, 0] - high[node, 0])
+    dy = max(0.0, low[node, 1] - box[1, 1], box[0, 1] - high[node, 1])
+    dz = max(0.0, low[node, 2] - box[1, 2], box[0, 2] - high[node, 2])
+    return dx * dx + dy * dy + dz * dz

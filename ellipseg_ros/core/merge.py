@@ -1,6 +1,6 @@
 """Region growing: Kruskal's walk over the sorted edges, merging while the criterion allows."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from ellipseg_ros.core.ellipsoids import unite
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.data import Array
 
-SHAPE, DENSITY, PARSIMONY = range(len(CRITERIA))  # numbers for the kernels, in the order of CRITERIA
+SHAPE, DENSITY, PARSIMONY = range(
+    len(CRITERIA)
+)  # numbers for the kernels, in the order of CRITERIA
 
 
 class Merged(NamedTuple):
@@ -47,9 +49,7 @@ def merge(nodes: Array, edges: Edges, isolated: Array, masses: Array, config: Co
 
 
 @kernel
-def _walk(
-    nodes: Any, above: Any, extra: Any, edges: Any, criterion: Any, tau: Any, floor: Any, noise: Any
-) -> Any:
+def _walk(nodes, above, extra, edges, criterion, tau, floor, noise):
     """Returns the number of nodes in use. extra: a node's mass (density) or AICc (parsimony)."""
     left, right = edges[1], edges[2]
     free = len(above) // 2
@@ -77,7 +77,7 @@ def _walk(
 
 
 @kernel
-def _label(above: Any, isolated: Any, labels: Any, roots: Any) -> Any:
+def _label(above, isolated, labels, roots):
     """Number the segments by their lowest vertex; returns how many there are."""
     row = np.full(len(above), -1, np.int32)
     count = 0
@@ -94,6 +94,6 @@ def _label(above: Any, isolated: Any, labels: Any, roots: Any) -> Any:
 
 
 @kernel
-def _aicc_of(nodes: Any, rows: Any, noise: Any, aicc: Any) -> None:
+def _aicc_of(nodes, rows, noise, aicc):
     for k in range(len(rows)):
         aicc[k] = segment_aicc(nodes, rows[k], noise)

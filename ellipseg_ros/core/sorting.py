@@ -1,7 +1,5 @@
 """The total order of edges, ascending by (weight, i, j): a radix sort with exact ties."""
 
-from typing import Any
-
 import numpy as np
 
 from ellipseg_ros.core.jit import THREADS, for_parts, kernel
@@ -30,9 +28,7 @@ def sorted_order(weight: Array, i: Array, j: Array) -> Array:
 
 
 @kernel
-def _sort_between(
-    part: Any, following: Any, bounds: Any, sizes: Any, weight: Any, i: Any, j: Any, order: Any
-) -> None:
+def _sort_between(part, following, bounds, sizes, weight, i, j, order):
     start, stop = sizes[part], sizes[following]
     keys, rows = np.empty(stop - start, np.uint32), np.empty(stop - start, np.int32)
     bits = weight.view(np.uint64)
@@ -54,7 +50,7 @@ def _sort_between(
 
 
 @kernel
-def _radix(keys: Any, rows: Any) -> None:
+def _radix(keys, rows):
     """Sort both by the keys, least digit first."""
     tally = np.zeros((3, BUCKETS), np.int64)
     for t in range(len(keys)):
@@ -76,7 +72,7 @@ def _radix(keys: Any, rows: Any) -> None:
 
 
 @kernel
-def before(a: Any, b: Any, weight: Any, i: Any, j: Any) -> Any:
+def before(a, b, weight, i, j):
     """Whether row a comes before row b."""
     if weight[a] != weight[b]:
         return weight[a] < weight[b]
@@ -86,7 +82,7 @@ def before(a: Any, b: Any, weight: Any, i: Any, j: Any) -> Any:
 
 
 @kernel
-def _insertion(rows: Any, first: Any, last: Any, weight: Any, i: Any, j: Any) -> None:
+def _insertion(rows, first, last, weight, i, j):
     for t in range(first + 1, last):
         row = rows[t]
         slot = t
@@ -97,7 +93,7 @@ def _insertion(rows: Any, first: Any, last: Any, weight: Any, i: Any, j: Any) ->
 
 
 @kernel
-def _heap(rows: Any, weight: Any, i: Any, j: Any) -> None:
+def _heap(rows, weight, i, j):
     """Heap sort (Williams 1964): no worse on many equal keys, as duplicate points make."""
     size = len(rows)
     build = size // 2

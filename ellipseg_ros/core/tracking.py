@@ -1,6 +1,6 @@
 """Persistent ids: which segment of before is which segment of now."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Shares(NamedTuple):
 
 
 class Tracker:
-    """Gives ids, from 1, never twice; remembers the segments of the last update by their points."""
+    """Gives ids, from 1, never twice; knows the segments of the last update by their points."""
 
     def __init__(self) -> None:
         self._next = 1
@@ -52,8 +52,8 @@ class Tracker:
         arrival (n,) int64 ascending; labels (n,) int32, rows of facts, negative for none;
         facts (s, f): what makes a segment the same if it is bitwise equal, the count in column 0.
 
-        A segment inherits the id of the old segment with which it shares most points, if of all new
-        segments it holds most of that one's surviving points (DESIGN 5). New ids ascend by row.
+        A segment inherits the id of the old segment with which it shares most points, if of all
+        new segments it holds most of that one's surviving points. New ids ascend by row.
         """
         shares = _share(labels, self._old_rows(arrival), len(facts), self._ids)
         heirs = np.flatnonzero(shares.best_old >= 0)
@@ -96,7 +96,8 @@ class Tracker:
         one = shares.starts[heirs + 1] - shares.starts[heirs] == 1
         whole = shares.points[shares.starts[heirs]] == facts[heirs, 0]
         equal: Array = (facts[heirs] == self._facts[inherited]).all(axis=1)
-        return one & whole & equal
+        same: Array = one & whole & equal
+        return same
 
     def _parents(self, shares: Shares, ids: Array) -> Ragged:
         new = np.repeat(np.arange(len(ids)), np.diff(shares.starts))
@@ -119,7 +120,7 @@ def _share(labels: Array, old: Array, segments: int, old_ids: Array) -> Shares:
 
 
 @kernel
-def _fill(labels: Any, old: Any, old_ids: Any, shares: Any) -> None:
+def _fill(labels, old, old_ids, shares):
     starts, pairs, points, best_old, best_new = shares
     segments = len(starts) - 1
     # The points by new segment, in order.

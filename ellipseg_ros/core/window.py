@@ -33,10 +33,13 @@ class Window:
         """(m, 3) float64, m: the points that take part, about the origin."""
         if self.origin is None:
             return np.zeros((0, 3))
-        return self.points[self.fate == TAKES_PART] - self.origin
+        local: Array = self.points[self.fate == TAKES_PART] - self.origin
+        return local
 
 
-def push(window: Window | None, sweep: Sweep, config: Config, origin: Array | None = None) -> Window:
+def push(
+    window: Window | None, sweep: Sweep, config: Config, origin: Array | None = None
+) -> Window:
     """The window that ends with the newest point of `sweep`, or where it ended, if that is later.
 
     window: the one before, None after a reset. origin: (3,) m, else from the first cloud.
