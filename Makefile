@@ -1,6 +1,7 @@
 # Everything that is run from a checkout. It needs Linux on x86-64, Python 3.10 to 3.13 and a C++
 # compiler; ROS 2 comes from PyPI, into .venv. A ROS installation is neither needed nor used.
 
+# The Python of .venv; `make clean` before another one.
 PYTHON ?= python3
 # The installer: uv where it is present or installable, else pip; UV=no for pip in any case.
 UV ?= $(shell command -v uv || true)
@@ -55,7 +56,7 @@ $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml 
 
 	uv='$(UV)'
 	if [ "$$(cat $(READY) 2>/dev/null)" != '$(CURDIR)' ]; then
-	    echo "Setting up .venv, which takes about a minute ..."
+	    echo "Setting up .venv, which takes a minute or two ..."
 	    rm -rf .venv
 	    if [ -n "$$uv" ] && [ "$$uv" != no ]; then
 	        "$$uv" venv -q --python '$(PYTHON)' .venv
@@ -66,7 +67,7 @@ $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml 
 	    echo "Updating .venv ..."
 	fi
 	if [ -z "$$uv" ]; then
-	    [ -x $(BIN)/uv ] || $(BIN)/python -m pip install -q uv || true
+	    [ -x $(BIN)/uv ] || $(BIN)/python -m pip install -qq uv || true
 	    if [ -x $(BIN)/uv ]; then uv=$(BIN)/uv; fi
 	fi
 	if [ -n "$$uv" ] && [ "$$uv" != no ]; then

@@ -139,9 +139,11 @@ setup(
     python_requires=">=3.10",
     install_requires=[
         "PyYAML",
+        "laspy[lazrs]",
         "matplotlib",
         "numba",
         "numpy",
+        "pypcd4",
         "ros-jazzy-builtin-interfaces",
         "ros-jazzy-diagnostic-msgs",
         "ros-jazzy-geometry-msgs",
@@ -156,21 +158,22 @@ setup(
         "rosbags",
         "scipy",
         "tqdm",
+        "trimesh",
     ],
     extras_require={
         # `ellipseg bench` compares with these.
         "bench": [
             "small_gicp",
         ],
-        # Beside the build requirements of pyproject.toml: the tests run colcon. `make setup`
-        # installs both.
+        # The tests run colcon, so they need the build requirements of pyproject.toml too; `make
+        # setup` installs both. Other versions of mypy and ruff have other opinions.
         "test": [
             "colcon-common-extensions",
             "hypothesis",
-            "mypy",
+            "mypy==2.4.1",
             "pytest",
             "pytest-xdist",
-            "ruff",
+            "ruff==0.17.6",
         ],
     },
     entry_points={
