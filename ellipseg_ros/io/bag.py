@@ -79,6 +79,14 @@ class BagSweeps:
             raise InputError(f"{place}: {error}", error.reason) from error
 
 
+def read_messages(path: Path, topic: str) -> Iterator[tuple[bytes, Any]]:
+    """Yield the messages of one of the node's topics from a ROS 2 bag: as bytes, and decoded."""
+    with _opened(_storage(path)) as reader:
+        chosen = [c for c in reader.connections if c.topic == topic]
+        for connection, _, raw in reader.messages(chosen):
+            yield bytes(raw), node_types().deserialize_cdr(raw, connection.msgtype)
+
+
 def is_bag(path: Path) -> bool:
     """Whether the path looks like a bag, by its suffix or by what the folder holds."""
     return path.suffix in SUFFIXES or (path.is_dir() and bool(_parts(path)))

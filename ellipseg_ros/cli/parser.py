@@ -1,0 +1,144 @@
+"""All commands and their options. Imports nothing heavy, so that `ellipseg --help` is instant.
+
+argparse (standard library): four commands with plain options need no more.
+"""
+
+import argparse
+from importlib.metadata import version
+
+from ellipseg_ros.config import CRITERIA
+
+SCENES = "woodland, industrial, roadway, mixed"
+SOURCES = "a bag (ROS 1 or 2), a cloud (pcd, ply, las, laz, npz) or a simulated scene (sim:industrial)"
+
+EXAMPLES = """examples:
+  ellipseg segment drive.mcap               segment a bag; writes drive_segmented/
+  ellipseg segment sim:woodland -o wood     the same of a simulated scene
+  ellipseg simulate industrial -o yard      write a simulated drive as a bag
+  ellipseg replay yard --rate 2             publish a bag for a node that runs
+  ellipseg demo                             node, replay and check, in one go
+`ellipseg COMMAND --help` tells more."""
+
+SIMULATE = """example:
+  ellipseg simulate woodland -o wood --duration 10 --seed 3
+  ellipseg segment wood -o wood_segmented"""
+
+SEGMENT = """examples:
+  ellipseg segment drive.mcap -o out --topic /velodyne/registered
+  ellipseg segment cloud.ply --criterion parsimony
+  ellipseg segment sim:roadway --threshold 12 --set graph.neighbours=15
+  ellipseg segment drive.mcap --params config/segmenter.yaml --json > summary.json"""
+
+REPLAY = """examples:
+  ellipseg replay drive.mcap --topic /velodyne/registered --rate 0.5
+  ellipseg replay sim:industrial --loop
+  ellipseg replay drive.mcap --rate 0 --ahead 2     as fast as the node segments, losing nothing"""
+
+DEMO = """examples:
+  ellipseg demo
+  ellipseg demo --data drive.mcap --topic /velodyne/registered -o drive_demo"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of `ellipseg`; `args.command` names the module in cli/ that runs."""
+    parser = argparse.ArgumentParser(
+        prog="ellipseg",
+        description="Segment registered lidar streams into ellipsoids.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=version("ellipseg_ros"))
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _simulate(_command(commands, "simulate", "write a simulated drive, with truth, as a bag", SIMULATE))
+    _segment(_command(commands, "segment", "segment a bag, a cloud or a scene, without ROS", SEGMENT))
+    _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
+    _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
+    return parser
+
+
+def _command(
+    commands: "argparse._SubParsersAction[argparse.ArgumentParser]",
+    name: str,
+    about: str,
+    examples: str,
+) -> argparse.ArgumentParser:
+    return commands.add_parser(
+        name,
+        help=about,
+        description=f"{about[0].upper()}{about[1:]}.",
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _simulate(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scene", help=SCENES)
+    command.add_argument("-o", "--output", required=True, metavar="BAG", help="bag to write (new)")
+    _scene_options(command)
+    _talk(command)
+
+
+def _segment(command: argparse.ArgumentParser) -> None:
+    command.add_argument("source", help=SOURCES)
+    command.add_argument(
+        "-o", "--output", metavar="DIR", help="folder for the results (default: SOURCE_segmented)"
+    )
+    command.add_argument("--topic", default="", help="of the clouds, if the bag has several")
+    _scene_options(command)
+    _settings(command)
+    command.add_argument("--no-pictures", action="store_true", help="write no pictures")
+    command.add_argument("--no-bag", action="store_true", help="write no bag")
+    _talk(command)
+
+
+def _replay(command: argparse.ArgumentParser) -> None:
+    command.add_argument("source", help=SOURCES)
+    command.add_argument("--topic", default="", help="of the clouds, if the bag has several")
+    _scene_options(command)
+    command.add_argument(
+        "--rate", type=float, default=1.0, help="times real time; 0: as fast as --ahead allows (1)"
+    )
+    command.add_argument("--loop", action="store_true", help="start again at the end, until Ctrl-C")
+    command.add_argument(
+        "--ahead",
+        type=float,
+        metavar="SECONDS",
+        help="stay at most this far ahead of the node's `segments`, so that nothing is lost",
+    )
+    command.add_argument("--paused", action="store_true", help="start paused; see the services")
+    _talk(command)
+
+
+def _demo(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--data", default="sim:industrial", metavar="SOURCE", help=SOURCES)
+    command.add_argument("--topic", default="", help="of the clouds, if the bag has several")
+    _scene_options(command)
+    command.add_argument("-o", "--output", default="demo", metavar="DIR", help="results (demo)")
+    _settings(command)
+    command.add_argument("--no-pictures", action="store_true", help="write no pictures")
+    _talk(command)
+
+
+def _scene_options(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("simulated scenes")
+    group.add_argument("--seed", type=int, help="of the scene and of its noise")
+    group.add_argument("--duration", type=float, metavar="S", help="seconds of driving")
+
+
+def _settings(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("settings", "the node's parameters; the later one wins")
+    group.add_argument("--params", metavar="FILE", help="YAML file, as for the node")
+    group.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="any parameter, again and again: --set graph.neighbours=15",
+    )
+    group.add_argument("--criterion", choices=CRITERIA, help="what decides about a merge")
+    group.add_argument("--threshold", metavar="T", help="merge while the criterion is at most this")
+
+
+def _talk(command: argparse.ArgumentParser) -> None:
+    command.add_argument("-q", "--quiet", action="store_true", help="say nothing unless it fails")
+    command.add_argument("--json", action="store_true", help="print the summary as JSON, no progress")

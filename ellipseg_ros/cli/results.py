@@ -1,0 +1,59 @@
+"""The folder that a run writes: prepared before, filled at the end."""
+
+import shutil
+from argparse import Namespace
+from pathlib import Path
+
+from ellipseg_ros.cli.report import Summary, say, write
+from ellipseg_ros.data import Segmentation
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.io.cloud import write_npz, write_ply
+
+BAG = "bag"
+SUMMARY = "summary.json"
+LOG = "node.log"
+NPZ = "window.npz"
+PLY = "window.ply"
+PICTURES = ("segments.png", "ellipsoids.png", "segments_oblique.png", "ellipsoids_oblique.png")
+NAMES = (BAG, SUMMARY, LOG, NPZ, PLY, *PICTURES)
+
+
+def prepare(folder: Path, source: str) -> None:
+    """Make the folder; results of an earlier run go, anything else in it is left and refused.
+
+    source: what is going to be read, which must not be among what goes.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    foreign = sorted(path.name for path in folder.iterdir() if not _ours(path.name))
+    if foreign:
+        raise EllipsegError(f"{folder} holds {foreign[0]}; give a new folder, or an empty one, with -o")
+    if folder.resolve() in (Path(source).resolve(), *Path(source).resolve().parents):
+        raise EllipsegError(f"{source} lies in {folder}, which is written anew; give another -o")
+    for path in folder.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def finish(folder: Path, summary: Summary, found: Segmentation | None, args: Namespace) -> None:
+    """Write the last window, its pictures and the summary, which then lists all files."""
+    if found is not None:
+        write_npz(folder / NPZ, found)
+        write_ply(folder / PLY, found)
+        if not args.no_pictures:
+            _draw(folder, found, args)
+    here = {path.name for path in folder.iterdir()} | {SUMMARY}
+    summary["files"] = [str(folder / name) for name in NAMES if name in here]
+    write(summary, folder / SUMMARY)
+
+
+def _ours(name: str) -> bool:
+    """Whether an earlier run has written it; a bag in the making has a hidden folder."""
+    return name in NAMES or name.startswith(f".{BAG}.")
+
+
+def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:
+    from ellipseg_ros import plots  # matplotlib takes long to load, hence only if wanted
+
+    say("drawing ...", args)

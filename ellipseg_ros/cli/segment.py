@@ -1,0 +1,77 @@
+"""`ellipseg segment`: a recording through the segmenter, as the node would do it, without ROS."""
+
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from ellipseg_ros.cli.report import Meter, heading, progress, say, show
+from ellipseg_ros.cli.results import BAG, finish, prepare
+from ellipseg_ros.cli.settings import Settings, read_settings
+from ellipseg_ros.cli.sources import open_input
+from ellipseg_ros.config import Config
+from ellipseg_ros.data import Segmentation, Sweep
+from ellipseg_ros.grouping import updates
+from ellipseg_ros.io.bag import BagSink
+from ellipseg_ros.io.sources import Source
+from ellipseg_ros.segmenter import Segmenter, segment
+
+
+def run(args: Namespace) -> int:
+    """Segment `args.source` and write the results; returns the exit code."""
+    settings = read_settings(args)
+    source = open_input(args.source, args)
+    folder = Path(args.output or f"{source.name}_segmented")
+    prepare(folder, args.source)
+    say("compiling kernels, which takes longer the first time ...", args)
+    warm_up(settings.config)
+    meter = _segment(source, settings, folder, args)
+    summary = heading(args.source, source.frame_id, settings) | meter.summary()
+    finish(folder, summary, meter.last, args)
+    show(summary, args)
+    return 0
+
+
+def warm_up(config: Config) -> None:
+    """Compile the kernels, or load them from numba's cache, so that no update has to."""
+    segment(np.random.default_rng(0).uniform(0.0, 3.0, (100, 3)), config)
+
+
+def run_updates(
+    sweeps: Iterable[Sweep], config: Config, meter: Meter
+) -> Iterator[tuple[Sweep, Segmentation]]:
+    """Yield every update's group of sweeps and what it gives, timed: the node's work, in a loop."""
+    segmenter = Segmenter(config)
+    for group in updates(sweeps, config):
+        with meter.update(group):
+            found = segmenter.process(group)
+        meter.take(group, found)
+        yield group, found
+
+
+def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) -> Meter:
+    """Run all updates, into a bag if one is wanted."""
+    meter = Meter()
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress(source.count, "clouds", args))
+        listeners: list[Callable[[Sweep], object]] = [lambda _: bar.update()]
+        bag = None
+        if not args.no_bag:
+            bag = stack.enter_context(BagSink(folder / BAG, settings.node))
+            listeners.append(bag.write_points)
+        for _, found in run_updates(_overheard(source, listeners), settings.config, meter):
+            if bag is not None:
+                bag.write_update(found)
+    return meter
+
+
+def _overheard(
+    sweeps: Iterable[Sweep], listeners: list[Callable[[Sweep], object]]
+) -> Iterator[Sweep]:
+    """The same sweeps, each shown to the listeners as it passes."""
+    for sweep in sweeps:
+        for listen in listeners:
+            listen(sweep)
+        yield sweep

@@ -1,0 +1,143 @@
+"""Writes what the segmenter publishes into a bag, as it comes."""
+
+import struct
+from collections.abc import Callable
+from threading import Condition
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from ellipseg_ros.data import Sweep
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.io.bag import BagSink
+from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.process import Spinner
+
+TOPICS = {"segmented_points": PointCloud2, "ellipsoids": MarkerArray, "segments": SegmentArray}
+STAMPED = ("segmented_points", "segments")  # messages that begin with a header
+DEPTH = 100  # messages kept while the bag is written
+
+
+class Recorder:
+    """Subscribes to the segmenter's topics; a context manager, with a ROS context of its own.
+
+    Messages go into the bag as the bytes that came, at the time of the update that they tell of.
+    args: `--ros-args ...`, for a namespace.
+    """
+
+    def __init__(self, bag: BagSink, args: list[str] | None = None) -> None:
+        self._bag = bag
+        self._changed = Condition()  # guards the bag, too
+        self._matched = dict.fromkeys(TOPICS, 0)
+        self._time_ns = 0  # of the newest update
+        self._stopped = ""
+        self.updates = 0
+        self.diagnostics: dict[str, str] = {}  # the latest
+        self._context = Context()
+        rclpy.init(args=args or [], context=self._context)
+        self._node = Node("ellipseg_recorder", context=self._context)
+        self._subscribe()
+        self._spinner = Spinner(self._node, self._context, self._fail)
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._spinner.stop()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def write_points(self, sweep: Sweep) -> None:
+        """Note a cloud that was sent."""
+        with self._changed:
+            self._bag.write_points(sweep)
+
+    def wait_for_topics(self, timeout: float) -> None:
+        """Wait until the segmenter publishes all topics, so that nothing of the first update is lost.
+
+        Raises EllipsegError after `timeout` s.
+        """
+        self._wait(lambda: all(self._matched.values()), timeout, "the node publishes nothing")
+
+    def wait_for_updates(self, count: int, timeout: float) -> None:
+        """Wait until `count` updates have come; raises EllipsegError after `timeout` s."""
+        self._wait(lambda: self.updates >= count, timeout, f"{count} updates were due, {{}} came")
+
+    def reset_segmenter(self, timeout: float) -> None:
+        """Call ~/reset, which makes an update of the points that still wait for their boundary."""
+        client = self._node.create_client(Trigger, "ellipseg_segmenter/reset")
+        if not client.wait_for_service(timeout):
+            raise EllipsegError("the node offers no service ~/reset; does it still run?")
+        done: list[bool] = []
+        future = client.call_async(Trigger.Request())
+        future.add_done_callback(lambda _: self._note(lambda: done.append(True)))
+        self._wait(lambda: bool(done), timeout, "the node does not answer ~/reset")
+
+    def stop(self, reason: str) -> None:
+        """Let everything that waits fail with `reason`; for any thread."""
+        with self._changed:
+            self._stopped = self._stopped or reason
+            self._changed.notify_all()
+
+    def _subscribe(self) -> None:
+        for topic, kind in TOPICS.items():
+            self._node.create_subscription(
+                kind,
+                topic,
+                lambda data, topic=topic: self._on_message(topic, data),
+                DEPTH,
+                raw=True,
+                event_callbacks=SubscriptionEventCallbacks(
+                    matched=lambda event, topic=topic: self._on_match(topic, event)
+                ),
+            )
+        self._node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH
+        )
+
+    def _on_message(self, topic: str, data: bytes) -> None:
+        with self._changed:
+            if topic in STAMPED:
+                self._time_ns = header_time(data)
+            if self._time_ns:
+                self._bag.write(f"/{topic}", self._time_ns, data)
+            self.updates += topic == "segments"
+            self._changed.notify_all()
+
+    def _on_match(self, topic: str, event: QoSSubscriptionMatchedInfo) -> None:
+        self._note(lambda: self._matched.update({topic: event.current_count}))
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            self.diagnostics = {item.key: item.value for item in status.values}
+
+    def _note(self, change: Callable[[], object]) -> None:
+        with self._changed:
+            change()
+            self._changed.notify_all()
+
+    def _wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: done() or bool(self._stopped), timeout)
+            if self._stopped:
+                raise EllipsegError(self._stopped)
+            if not done():
+                raise EllipsegError(f"{otherwise.format(self.updates)} within {timeout:g} s")
+
+    def _fail(self, error: BaseException | None) -> None:
+        if error is not None:
+            self.stop(f"recording failed: {error}")
+
+
+def header_time(data: bytes) -> int:
+    """Stamp of a serialized message that begins with a std_msgs/Header, ns."""
+    order = "<" if data[1] & 1 else ">"
+    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
+    return int(seconds) * SECOND + int(nanoseconds)
