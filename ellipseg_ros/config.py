@@ -48,23 +48,23 @@ class Checked:
 def checked(item: Field[Any], value: Any) -> Value:
     """Return `value` as the field's type, or raise ConfigError in one line."""
     limits: Setting = item.metadata["setting"]
-    kind: type = type(item.default)
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is not kind:
+    default: Any = item.default
+    kind: Any = type(default)
+    number: Any = float(value) if kind is float and type(value) is int else value
+    if type(number) is not kind:
         raise ConfigError(
             f"{item.name} is {value!r}, of type {type(value).__name__}; it must be {kind.__name__}"
         )
-    if limits.choices and value not in limits.choices:
+    if limits.choices and number not in limits.choices:
         raise ConfigError(
             f"{item.name} is {value!r}; it must be one of {', '.join(limits.choices)}"
         )
     low, high = limits.low, limits.high
-    if low is not None and high is not None and not low <= value <= high:
+    if low is not None and high is not None and not low <= number <= high:
         span = f"from {low:g} to {high:g} {limits.unit}".rstrip()
         raise ConfigError(f"{item.name} is {value:g}; it must be {span}")
-    checked_value: Value = value
-    return checked_value
+    result: Value = number
+    return result
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class Sweep:
         """(n,) int64, ns: the time of every point."""
         return self.stamp_ns + self.offsets_ns
 
-    def keep(self, mask: Array) -> "Sweep":
+    def keep(self, mask: Array | slice) -> "Sweep":
         """The rows that `mask` selects, of every array."""
         return replace(
             self,
@@ -80,7 +80,7 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
 
 
 def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
-    """Structured arrays below one another; a field that a part lacks is NaN there, or 0 if integer.
+    """Structured arrays below one another; what a part lacks is NaN there, or 0 if integer.
 
     Parts of one layout keep it (offsets and padding too); others get the union of all fields.
     """
@@ -106,16 +106,24 @@ def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
     return joined
 
 
+def clashing_field(one: Array | None, other: Array | None) -> str:
+    """Name of a field that has another count in the other array; empty if they can be joined."""
+    if one is None or other is None or one.dtype == other.dtype:
+        return ""
+    for name in one.dtype.names or ():
+        if name in (other.dtype.names or ()) and one.dtype[name].shape != other.dtype[name].shape:
+            return name
+    return ""
+
+
 def _union(layouts: list[np.dtype[Any]]) -> np.dtype[Any]:
     found: dict[str, np.dtype[Any]] = {}
     for layout in layouts:
         for name in layout.names or ():
             other = layout[name]
-            if name in found and found[name].shape != other.shape:
-                raise InputError(
-                    f"field {name} changed its count within the window", "fields_changed"
-                )
             known = found.get(name, other)
+            if known.shape != other.shape:
+                raise InputError(f"field {name} has different counts; it must have one", "fields")
             found[name] = np.dtype((np.promote_types(known.base, other.base), other.shape))
     return np.dtype(list(found.items()))
 

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import Sweep, join_sweeps
+from ellipseg_ros.core.window import Window
+from ellipseg_ros.data import Sweep, clashing_field, join_sweeps
 
 SECOND = 1_000_000_000  # ns
 
@@ -22,8 +23,7 @@ class Grouping:
         self._first = 0  # ns: t0
         self._newest = 0  # ns: newest stamp
         self._boundary = 0  # ns: the stamp that closes the open group
-        self._frame = ""
-        self._started = False
+        self._last: Sweep | None = None  # the last message, without its points
 
     def configure(self, config: Config) -> None:
         """Take new settings; the boundaries of the open group stay."""
@@ -36,12 +36,11 @@ class Grouping:
         restart = sweep.restart or self._why_restart(sweep)
         if restart:
             done += self.flush()
-        if restart or not self._started:
-            self._started = True
-            self._frame = sweep.frame_id
+        if restart or self._last is None:
             self._first = self._newest = sweep.stamp_ns
             self._boundary = sweep.stamp_ns + self._period
         self._open.append(replace(sweep, restart=restart))
+        self._last = sweep.keep(slice(0, 0))
         self._newest = max(self._newest, sweep.stamp_ns)
         if sweep.stamp_ns >= self._boundary:
             done += self.flush()
@@ -57,15 +56,21 @@ class Grouping:
         return [join_sweeps(parts)]
 
     def _why_restart(self, sweep: Sweep) -> str:
-        if not self._started:
+        if self._last is None:
             return ""
-        return why_restart(sweep, self._newest, self._lateness, self._frame)
+        return why_restart(self._last, sweep, self._newest, self._lateness)
 
 
-def why_restart(sweep: Sweep, newest_ns: int, lateness_ns: int, frame_id: str) -> str:
-    """Say why the window cannot go on with `sweep`; an empty text if it can."""
-    if sweep.frame_id != frame_id:
-        return f"the frame changed from {frame_id!r} to {sweep.frame_id!r}"
+def why_restart(before: Sweep | Window, sweep: Sweep, newest_ns: int, lateness_ns: int) -> str:
+    """Say why a window that held `before` cannot go on with `sweep`; an empty text if it can.
+
+    newest_ns: the newest stamp so far; lateness_ns: how far a stamp may lie behind it.
+    """
+    if sweep.frame_id != before.frame_id:
+        return f"the frame changed from {before.frame_id!r} to {sweep.frame_id!r}"
+    name = clashing_field(before.fields, sweep.fields)
+    if name:
+        return f"the count of field {name!r} changed"
     behind = newest_ns - sweep.stamp_ns
     if behind > lateness_ns:
         return f"the stamps jumped back by {behind / SECOND:.3f} s"

@@ -17,8 +17,8 @@ def segment(
 ) -> Segmentation:
     """Segment one cloud; points (n, 3), m. NaN and Inf are rejected, not refused.
 
-    origin: (3,) m, subtracted first; None: whole kilometres near the cloud. A window's segmentation
-    is repeated bit for bit with the origin of its own.
+    origin: (3,) m, subtracted first; None: whole kilometres near the cloud. With the origin of a
+    window's segmentation, that one is repeated bit for bit.
     """
     config = replace(config or Config(), max_points_per_second=0)
     return Segmenter(config, origin).process(Sweep(stamp_ns=0, points=points))
@@ -71,7 +71,7 @@ class Segmenter:
             return ""
         newest = replace(sweep, stamp_ns=int(sweep.times_ns.max()))
         lateness = round(self._config.max_lateness * SECOND)
-        return why_restart(newest, self._window.end_ns, lateness, self._window.frame_id)
+        return why_restart(self._window, newest, self._window.end_ns, lateness)
 
     def _result(self, points: Array, nodes: Array, merged: merge.Merged) -> Segmentation:
         now = self._window
