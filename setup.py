@@ -156,7 +156,6 @@ setup(
         "ros-jazzy-std-srvs",
         "ros-jazzy-visualization-msgs",
         "rosbags",
-        "scipy",
         "tqdm",
         "trimesh",
     ],
@@ -174,6 +173,7 @@ setup(
             "pytest",
             "pytest-xdist",
             "ruff==0.17.6",
+            "scipy",
         ],
     },
     entry_points={

@@ -22,8 +22,8 @@ ONLY_IN = {
     "tqdm": ["cli/"],
     "yaml": ["cli/"],
     "laspy": ["io/cloud.py"],
-    "plyfile": ["io/cloud.py"],
     "pypcd4": ["io/cloud.py"],
+    "trimesh": ["io/cloud.py"],
 }
 # The core computes: no clock, no files, no log.
 NOT_IN_CORE = {"datetime", "io", "logging", "pathlib", "time", "warnings"}

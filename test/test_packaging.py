@@ -16,6 +16,7 @@ SOURCES = sorted(
     path for path in (ROOT / "ellipseg_ros").rglob("*.py") if path.parent.name != "msg"
 )
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.py"))
+TESTS = sorted((ROOT / "test").rglob("*.py"))
 MESSAGES = sorted((ROOT / "msg").glob("*.msg"))
 
 # Where the name of an import isn't that of the package on PyPI.
@@ -23,10 +24,10 @@ ON_PYPI = {"yaml": "PyYAML"}
 # Where the key of rosdep isn't python3-<name>. None: there is no key; package.xml says so.
 IN_ROSDEP = {
     "laspy": None,
-    "plyfile": "python3-plyfile-pip",
     "pypcd4": None,
     "rosbags": "python3-rosbags-pip",
     "small_gicp": None,
+    "trimesh": "python3-trimesh-pip",
 }
 # Needed without an import: by the generated code of the messages.
 WITHOUT_IMPORT = {"ros-jazzy-rosidl-default-runtime"}
@@ -67,6 +68,22 @@ def is_ros(name):
 def bare(requirement):
     """The name in a requirement such as `setuptools>=70` or `rclpy[fastrtps]`."""
     return re.match(r"[\w.-]+", requirement).group()
+
+
+def message_packages():
+    """The packages of the types of the messages' fields."""
+    texts = [path.read_text(encoding="utf-8") for path in MESSAGES]
+    return {name for text in texts for name in re.findall(r"^(\w+)/\w+", text, re.MULTILINE)}
+
+
+def on_pypi(name):
+    return f"ros-jazzy-{name.replace('_', '-')}" if is_ros(name) else ON_PYPI.get(name, name)
+
+
+def in_rosdep(name):
+    if is_ros(name) or name.startswith("launch"):
+        return name
+    return IN_ROSDEP.get(name, f"python3-{name}")
 
 
 def keys(manifest, *tags):
@@ -116,38 +133,29 @@ def test_every_script_names_a_function_that_is_there(description):
 
 
 def test_pip_installs_what_the_code_imports_and_no_more(description):
-    used = {
-        f"ros-jazzy-{name.replace('_', '-')}" if is_ros(name) else ON_PYPI.get(name, name)
-        for name in imports(SOURCES)
-    }
+    used = {on_pypi(name) for name in imports(SOURCES) | message_packages()}
     required = {bare(line) for line in description["install_requires"]}
     optional = {bare(line) for line in description["extras_require"]["bench"]}
     assert used - optional == required - WITHOUT_IMPORT
 
 
+def test_pip_installs_what_the_tests_import(description):
+    used = {on_pypi(name) for name in imports(TESTS) - {path.stem for path in TESTS}}
+    lines = description["install_requires"] + description["extras_require"]["test"]
+    assert used - {"setuptools"} <= {bare(line) for line in lines}  # setuptools: pyproject.toml
+
+
 def test_rosdep_installs_what_the_code_imports_and_no_more(manifest):
-    names = imports(SOURCES + LAUNCH_FILES)
-    used = {
-        name
-        if is_ros(name) or name.startswith("launch")
-        else IN_ROSDEP.get(name, f"python3-{name}")
-        for name in names
-    }
-    in_messages = {match for path in MESSAGES for match in message_packages(path)}
+    names = imports(SOURCES + LAUNCH_FILES) | message_packages()
     required = keys(manifest, "exec_depend", "depend") - {"rosidl_default_runtime"}
-    assert used - {None} | in_messages == required
+    assert {in_rosdep(name) for name in names} - {None} == required
     remark = (ROOT / "package.xml").read_text(encoding="utf-8")
-    unnamed = {name for name in names if IN_ROSDEP.get(name, "") is None}
-    assert all(name in remark for name in unnamed - {"small_gicp"})
-
-
-def message_packages(path):
-    """The packages of the types in a message's fields."""
-    return re.findall(r"^(\w+)/\w+", path.read_text(encoding="utf-8"), re.MULTILINE)
+    without_key = {name for name in names - {"small_gicp"} if in_rosdep(name) is None}
+    assert all(name in remark for name in without_key)
 
 
 def test_the_packages_of_the_messages_are_there_to_build_with(manifest):
-    wanted = {match for path in MESSAGES for match in message_packages(path)}
+    wanted = message_packages()
     assert wanted <= keys(manifest, "depend")
     cmake = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
     found = set(re.findall(r"find_package\((\w+) REQUIRED\)", cmake))
@@ -171,8 +179,7 @@ def test_every_field_of_a_message_has_a_comment_above_it(path):
 def test_no_check_is_switched_off_without_a_reason_beside_it():
     mark = re.compile(r"#\s*(noqa|type:\s*ignore|pragma)")
     reasoned = re.compile(r"# (noqa: [A-Z]+\d+(, [A-Z]+\d+)*|type: ignore\[[\w, -]+\])\W+\w.{7,}")
-    tests = (ROOT / "test").rglob("*.py")
-    for path in [ROOT / "setup.py", *SOURCES, *LAUNCH_FILES, *tests]:
+    for path in [ROOT / "setup.py", *SOURCES, *LAUNCH_FILES, *TESTS]:
         with path.open(encoding="utf-8") as file:
             for token in tokenize.generate_tokens(file.readline):
                 if token.type == tokenize.COMMENT and mark.search(token.string):
