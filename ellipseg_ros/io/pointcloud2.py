@@ -4,7 +4,7 @@ Reading takes any object with the message's fields, be it rclpy's or rosbags'. s
 help here: it ignores row padding, treats NaN by `is_dense`, and is not on PyPI.
 """
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
 from ellipseg_ros.io.times import OFFSET, SECOND, time_offsets
 
-Layout = np.dtype[Any]
+Layout: TypeAlias = np.dtype[Any]
 
 # PointField's numbers for types.
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 NUMBERS = {kind: number for number, kind in TYPES.items()}
 PADDING = ("", "_")  # names that PCL gives to gaps
 OURS = ("label", "rgb", "object")  # fields that the node adds; an input's own become input_...
+LARGEST = 2**20  # bytes: a point_step beyond is garbage
 FLOAT32_LOSS = 1e-3  # m: output points that float32 would move by more are float64
 
 
@@ -46,6 +47,10 @@ def read_sweep(msg: Any) -> Sweep:
 def read_fields(msg: Any) -> Array:
     """Every field of a PointCloud2: (n,) structured, in native byte order."""
     count = msg.width * msg.height
+    if msg.point_step > LARGEST:
+        raise InputError(
+            f"point_step is {msg.point_step}; a point has at most {LARGEST} bytes", "point_step"
+        )
     layout = _layout(msg, count)
     check_xyz(layout)
     if not count:
@@ -63,7 +68,8 @@ def xyz(fields: Array) -> Array:
     """Coordinates of structured points as (n, 3) float64, m."""
     points = np.empty((len(fields), 3))
     for column, name in enumerate("xyz"):
-        points[:, column] = fields[name]
+        with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+            points[:, column] = fields[name]
     return points
 
 
@@ -95,7 +101,7 @@ def _layout(msg: Any, count: int) -> Layout:
         kind = _kind(field)
         number = max(field.count, 1)  # some publishers say 0 and mean 1
         end = field.offset + number * np.dtype(kind).itemsize
-        if count and end > msg.point_step:
+        if end > (msg.point_step if count else LARGEST):
             raise InputError(
                 f"field {field.name!r} ends at byte {end} of a point, beyond point_step "
                 f"{msg.point_step}; it must end within",
