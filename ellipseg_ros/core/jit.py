@@ -10,12 +10,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
 
 THREADS = len(os.sched_getaffinity(0))
 LEAST = 2048  # rows below which a thread is not worth its start
+PLAIN = config.DISABLE_JIT  # kernels run as plain Python: for tests
 _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
 
 

@@ -1,0 +1,193 @@
+"""The whole method once more: plain, slow, written from the equations of docs/paper.md.
+
+Nothing of the package is imported. Points are (n, 3) float64 arrays; a moment is (count, mean,
+covariance).
+"""
+
+import math
+
+import numpy as np
+
+K = 9
+
+
+def squared_distance(p, q):
+    dx, dy, dz = float(q[0] - p[0]), float(q[1] - p[1]), float(q[2] - p[2])
+    return (dx * dx + dy * dy) + dz * dz
+
+
+def nearest(points, i, members, k):
+    """The k members nearest to i, itself left out, ascending by (d^2, index)."""
+    near = sorted((squared_distance(points[i], points[j]), j) for j in members if j != i)
+    return [j for _, j in near[:k]]
+
+
+def isolated(points, distance):
+    everybody = range(len(points))
+    return [
+        not any(
+            squared_distance(points[i], points[j]) <= distance * distance
+            for j in everybody
+            if j != i
+        )
+        for i in everybody
+    ]
+
+
+def neighbours(points, k=10, distance=2.0):
+    """Neighbour lists, None for the isolated points (which are removed first)."""
+    alone = isolated(points, distance)
+    members = [i for i in range(len(points)) if not alone[i]]
+    return [None if alone[i] else nearest(points, i, members, k) for i in range(len(points))]
+
+
+def moments(points):
+    mean = np.mean(points, axis=0)
+    delta = points - mean
+    return len(points), mean, delta.T @ delta / len(points)
+
+
+def initial_ellipsoid(points, i, near):
+    """Eq. 2 over N(i), i itself among them; about i, so that no distance costs digits."""
+    _, mean, covariance = moments(np.asarray([points[j] - points[i] for j in [i, *near]]))
+    return 1, points[i] + mean, covariance
+
+
+def eigen(covariance):
+    """Eigenvalues descending and clipped, axes as rows."""
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.maximum(values[::-1], 0.0)
+    if values.sum() == 0.0:
+        return values, np.eye(3)
+    v1, v2 = vectors[:, 2], vectors[:, 1]
+    v1 = v1 * np.sign(v1[np.argmax(np.abs(v1))])
+    v2 = v2 * np.sign(v2[np.argmax(np.abs(v2))])
+    return values, np.array([v1, v2, np.cross(v1, v2)])
+
+
+def shape(values):
+    """Planarity, cylindricality, sphericity: eqs. 3-5."""
+    e1, e2, e3 = values
+    total = e1 + e2 + e3
+    if total == 0.0:
+        return 0.0, 0.0, 1.0
+    return 2 * (e2 - e3) / total, (e1 - e2) / total, 3 * e3 / total
+
+
+def edges(lists):
+    pairs = {(min(i, j), max(i, j)) for i, near in enumerate(lists) if near for j in near}
+    return sorted(pairs)
+
+
+def edge_weight(a, b):
+    (_, mean_a, cov_a), (_, mean_b, cov_b) = a, b
+    (values_a, axes_a), (values_b, axes_b) = eigen(cov_a), eigen(cov_b)
+    delta = mean_b - mean_a
+    gap = np.linalg.norm(delta)
+    planarity = (shape(values_a)[0] + shape(values_b)[0]) / 2
+    tilt = max(0.0, 1 - (axes_a[2] @ axes_b[2]) ** 2)
+    across = (abs(axes_a[2] @ delta) + abs(axes_b[2] @ delta)) / 2
+    return gap + planarity * (gap * tilt + across)
+
+
+def union(a, b):
+    (na, mean_a, cov_a), (nb, mean_b, cov_b) = a, b
+    n, delta = na + nb, mean_b - mean_a
+    mean = (na * mean_a + nb * mean_b) / n
+    return n, mean, (na * cov_a + nb * cov_b) / n + na * nb / n**2 * np.outer(delta, delta)
+
+
+def shape_distance(a, b, floor=1e-4):
+    """Eq. 7, with e1 in the spherical term."""
+    (na, mean_a, cov_a), (nb, mean_b, cov_b) = a, b
+    fa = na / (na + nb)
+    fb = 1 - fa
+    delta = mean_b - mean_a
+    (values_a, va), (values_b, vb) = eigen(cov_a), eigen(cov_b)
+    (pa, ca, sa), (pb, cb, sb) = shape(values_a), shape(values_b)
+    ea, eb = np.maximum(values_a, floor), np.maximum(values_b, floor)
+    planar = (
+        fa * (va[2] @ delta) ** 2 / ea[2]
+        + fb * (vb[2] @ delta) ** 2 / eb[2]
+        + (fa * pa + fb * pb) * (1 - (va[2] @ vb[2]) ** 2) / (ea[2] / ea[1] + eb[2] / eb[1])
+    )
+    cylindrical = (
+        fa * (1 - pa) * (va[1] @ delta) ** 2 / ea[1]
+        + fb * (1 - pb) * (vb[1] @ delta) ** 2 / eb[1]
+        + (fa * ca + fb * cb) * (1 - (va[0] @ vb[0]) ** 2) / (ea[1] / ea[0] + eb[1] / eb[0])
+    )
+    spherical = fa * sa * (va[0] @ delta) ** 2 / ea[0] + fb * sb * (vb[0] @ delta) ** 2 / eb[0]
+    return planar + cylindrical + spherical
+
+
+def mass(points, i, near):
+    """Eq. 6: the squared mean distance to the neighbours."""
+    return float(np.mean([math.sqrt(squared_distance(points[i], points[j])) for j in near])) ** 2
+
+
+def density_distance(a, b, mass_ab):
+    values, _ = eigen(union(a, b)[2])
+    volume = 4 / 3 * math.pi * math.sqrt(float(np.prod(values)))
+    if volume == 0.0:
+        return 0.0
+    return volume / mass_ab if mass_ab > 0 else math.inf
+
+
+def aicc(segment, noise=0.01):
+    """Eqs. 9-14."""
+    n, _, covariance = segment
+    e, _ = eigen(covariance)
+    p, _, s = shape(e)
+    modulated = [max(e[0] * s, noise), max(e[1] * (1 - p), noise), max(e[2], noise)]
+    variance = n * (3 * math.log(2 * math.pi) + sum(map(math.log, modulated)) + 3)
+    return variance + 2 * K * n / max(1, n - K - 1)
+
+
+def segment(points, criterion, tau, order=None, k=10):
+    """Segments as [(sorted members, model moments)], by the lowest member; isolated points.
+
+    order: the edges as (i, j), where another rounding than that of edge_weight decides between
+    equal weights (points with the same N make many).
+    """
+    lists = neighbours(points, k)
+    alive = [i for i, near in enumerate(lists) if near is not None]
+    of = {i: i for i in alive}  # point -> segment
+    members = {i: [i] for i in alive}
+    model = {i: initial_ellipsoid(points, i, lists[i]) for i in alive}
+    masses = {i: mass(points, i, lists[i]) for i in alive}
+    if order is None:
+        order = sorted(edges(lists), key=lambda e: (edge_weight(model[e[0]], model[e[1]]), *e))
+    for i, j in order:
+        a, b = of[i], of[j]
+        if a == b:
+            continue
+        if criterion == "shape":
+            distance = shape_distance(model[a], model[b])
+        elif criterion == "density":
+            distance = density_distance(model[a], model[b], masses[a] + masses[b])
+        else:
+            distance = aicc(union(model[a], model[b])) - aicc(model[a]) - aicc(model[b])
+        if distance <= tau:
+            model[a] = union(model[a], model[b])
+            masses[a] += masses[b]
+            members[a] += members.pop(b)
+            for point in members[a]:
+                of[point] = a
+    found = sorted((sorted(members[s]), s) for s in members)
+    return [(rows, model[s]) for rows, s in found], [i for i in range(len(points)) if i not in of]
+
+
+def inherit(before, now, next_id):
+    """Ids of the segments of now; before: [(id, set of points)], now: [set of points]."""
+    share = {(id_, s): len(old & new) for id_, old in before for s, new in enumerate(now)}
+    ids = []
+    for s in range(len(now)):
+        mine = max((id_ for id_, _ in before), key=lambda i: (share[i, s], -i), default=None)
+        if mine is not None and share[mine, s] > 0:
+            heir = max(range(len(now)), key=lambda t: (share[mine, t], -t))
+            if heir == s:
+                ids.append(mine)
+                continue
+        ids.append(next_id)
+        next_id += 1
+    return ids
