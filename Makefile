@@ -95,9 +95,11 @@ test: setup lint
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadscope -m nojit
 
 lint: setup
-	@$(BIN)/ruff check -q
-	$(BIN)/ruff format -q --check || { echo "make format does it" >&2; exit 1; }
-	$(BIN)/mypy --no-error-summary
+	@bad=
+	$(BIN)/ruff check -q || bad=1
+	$(BIN)/ruff format -q --check || { echo "make format mends that"; bad=1; } >&2
+	$(BIN)/mypy --no-error-summary || bad=1
+	[ -z "$$bad" ]
 
 format: setup
 	@$(BIN)/ruff check -q --fix --select I
