@@ -14,12 +14,14 @@ INTERRUPTED = 128 + signal.SIGINT
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command; return its exit code: 0, 1 (a check failed), 2 (an error) or 130 (Ctrl-C)."""
+    """Run one command; returns 0, or 1 (a check failed), 2 (an error), 130 (Ctrl-C)."""
     args = build_parser().parse_args(argv)
     try:
         signal.signal(signal.SIGTERM, _interrupt)  # an ended demo ends its node, too
         command = import_module(f"ellipseg_ros.cli.{args.command}")  # numba, rclpy: only now
-        return int(command.run(args))
+        code = int(command.run(args))
+        sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
+        return code
     except EllipsegError as error:
         print(f"ellipseg: {error}", file=sys.stderr)
     except ModuleNotFoundError as error:

@@ -9,7 +9,9 @@ from importlib.metadata import version
 from ellipseg_ros.config import CRITERIA
 
 SCENES = "woodland, industrial, roadway, mixed"
-SOURCES = "a bag (ROS 1 or 2), a cloud (pcd, ply, las, laz, npz) or a simulated scene (sim:industrial)"
+SOURCES = (
+    "a bag (ROS 1 or 2), a cloud (pcd, ply, las, laz, npz) or a simulated scene (sim:industrial)"
+)
 
 EXAMPLES = """examples:
   ellipseg segment drive.mcap               segment a bag; writes drive_segmented/
@@ -49,8 +51,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=version("ellipseg_ros"))
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _simulate(_command(commands, "simulate", "write a simulated drive, with truth, as a bag", SIMULATE))
-    _segment(_command(commands, "segment", "segment a bag, a cloud or a scene, without ROS", SEGMENT))
+    _simulate(
+        _command(commands, "simulate", "write a simulated drive, with truth, as a bag", SIMULATE)
+    )
+    _segment(
+        _command(commands, "segment", "segment a bag, a cloud or a scene, without ROS", SEGMENT)
+    )
     _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
     return parser
@@ -98,7 +104,9 @@ def _replay(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--rate", type=float, default=1.0, help="times real time; 0: as fast as --ahead allows (1)"
     )
-    command.add_argument("--loop", action="store_true", help="start again at the end, until Ctrl-C")
+    command.add_argument(
+        "--loop", action="store_true", help="start again at the end, until Ctrl-C"
+    )
     command.add_argument(
         "--ahead",
         type=float,
@@ -136,9 +144,13 @@ def _settings(command: argparse.ArgumentParser) -> None:
         help="any parameter, again and again: --set graph.neighbours=15",
     )
     group.add_argument("--criterion", choices=CRITERIA, help="what decides about a merge")
-    group.add_argument("--threshold", metavar="T", help="merge while the criterion is at most this")
+    group.add_argument(
+        "--threshold", metavar="T", help="merge while the criterion is at most this"
+    )
 
 
 def _talk(command: argparse.ArgumentParser) -> None:
     command.add_argument("-q", "--quiet", action="store_true", help="say nothing unless it fails")
-    command.add_argument("--json", action="store_true", help="print the summary as JSON, no progress")
+    command.add_argument(
+        "--json", action="store_true", help="print the summary as JSON, no progress"
+    )

@@ -1,4 +1,4 @@
-"""What a run has to say for itself: progress while it lasts, then a summary to read or to parse."""
+"""What a run says of itself: progress while it lasts, then a summary to read or to parse."""
 
 import json
 import resource
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from tqdm import tqdm  # the usual one: small, and it knows terminals
@@ -19,6 +19,7 @@ from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.data import Segmentation, Sweep
 
 Summary = dict[str, Any]  # nested, JSON-ready; names carry the unit
+Progress: TypeAlias = "tqdm[Any]"
 
 SECOND = 1e9  # ns
 
@@ -45,7 +46,11 @@ class Meter:
     def take(self, group: Sweep, found: Segmentation) -> None:
         """Note the result of an update."""
         goes_on = self.last is not None and not found.restart
-        begin = self.last.end_ns if self.last and goes_on else int(group.times_ns.min(initial=found.end_ns))
+        begin = (
+            self.last.end_ns
+            if self.last and goes_on
+            else int(group.times_ns.min(initial=found.end_ns))
+        )
         self.sensor_ns += max(0, found.end_ns - begin)
         self.restarts += bool(found.restart)
         self.last = found
@@ -89,7 +94,9 @@ def window_summary(found: Segmentation) -> Summary:
         "isolated": counts.isolated,
         "rejected": counts.rejected,
         "thinned": counts.thinned,
-        "seconds": round((found.end_ns - int(found.times_ns.min(initial=found.end_ns))) / SECOND, 3),
+        "seconds": round(
+            (found.end_ns - int(found.times_ns.min(initial=found.end_ns))) / SECOND, 3
+        ),
         "segments": len(found.ellipsoids),
         "segments_of_12_points": int((found.ellipsoids.count >= 12).sum()),
         "aicc": found.aicc,
@@ -128,7 +135,7 @@ def say(text: str, args: Namespace) -> None:
         print(text, file=sys.stderr)
 
 
-def progress(total: int | None, unit: str, args: Namespace) -> "tqdm[Any]":
+def progress(total: int | None, unit: str, args: Namespace) -> Progress:
     """A bar for long work; only on a terminal, and not with --quiet or --json."""
     hidden = True if args.quiet or args.json else None  # None: tqdm looks for the terminal
     return tqdm(total=total, unit=f" {unit}", disable=hidden, leave=False, dynamic_ncols=True)
@@ -157,6 +164,9 @@ def _run_rows(summary: Summary) -> Iterator[tuple[str, str]]:
     times = summary["update_ms"]
     if times:
         yield "time per update", f"median {times['median']:g} ms, p99 {times['p99']:g} ms"
+    times = summary.get("latency_ms")
+    if times:
+        yield "latency", f"median {times['median']:g} ms, p99 {times['p99']:g} ms"
     yield "peak memory", f"{summary['peak_memory_mb']:.0f} MB"
 
 
@@ -164,5 +174,8 @@ def _window_rows(window: Summary) -> Iterator[tuple[str, str]]:
     yield "last window", f"{window['points']:,} points of {window['seconds']:.1f} s"
     for fate in ("segmented", "isolated", "rejected", "thinned"):
         yield f"  {fate}", f"{window[fate]:,}"
-    yield "segments", f"{window['segments']:,} ({window['segments_of_12_points']:,} of 12 points or more)"
+    yield (
+        "segments",
+        f"{window['segments']:,} ({window['segments_of_12_points']:,} of 12 points or more)",
+    )
     yield "AICc", f"{window['aicc']:.6g} ({window['aicc_per_point']:.3f} a point)"

@@ -12,10 +12,11 @@ from ellipseg_ros.io.cloud import write_npz, write_ply
 BAG = "bag"
 SUMMARY = "summary.json"
 LOG = "node.log"
+PARAMETERS = "segmenter.yaml"
 NPZ = "window.npz"
 PLY = "window.ply"
 PICTURES = ("segments.png", "ellipsoids.png", "segments_oblique.png", "ellipsoids_oblique.png")
-NAMES = (BAG, SUMMARY, LOG, NPZ, PLY, *PICTURES)
+NAMES = (BAG, SUMMARY, PARAMETERS, LOG, NPZ, PLY, *PICTURES)
 
 
 def prepare(folder: Path, source: str) -> None:
@@ -26,7 +27,9 @@ def prepare(folder: Path, source: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     foreign = sorted(path.name for path in folder.iterdir() if not _ours(path.name))
     if foreign:
-        raise EllipsegError(f"{folder} holds {foreign[0]}; give a new folder, or an empty one, with -o")
+        raise EllipsegError(
+            f"{folder} holds {foreign[0]}; give a new folder, or an empty one, with -o"
+        )
     if folder.resolve() in (Path(source).resolve(), *Path(source).resolve().parents):
         raise EllipsegError(f"{source} lies in {folder}, which is written anew; give another -o")
     for path in folder.iterdir():

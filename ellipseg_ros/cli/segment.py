@@ -42,7 +42,7 @@ def warm_up(config: Config) -> None:
 def run_updates(
     sweeps: Iterable[Sweep], config: Config, meter: Meter
 ) -> Iterator[tuple[Sweep, Segmentation]]:
-    """Yield every update's group of sweeps and what it gives, timed: the node's work, in a loop."""
+    """Yield the joined sweeps of every update and what they give, timed: the node's work."""
     segmenter = Segmenter(config)
     for group in updates(sweeps, config):
         with meter.update(group):

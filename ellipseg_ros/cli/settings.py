@@ -23,12 +23,15 @@ class Settings:
         return flatten(self.config) | flatten(self.node)
 
 
-def read_settings(args: Namespace) -> Settings:
+def read_settings(args: Namespace, defaults: dict[str, Any] | None = None) -> Settings:
     """Settings from `args.params`, `.set`, `.criterion` and `.threshold`; a later one wins.
 
+    defaults: by dotted name, where they differ from those of config.py.
     ConfigError: a name that does not exist, a value of a wrong type or out of range, a bad file.
     """
-    values: dict[str, Any] = _from_file(Path(args.params)) if args.params else {}
+    values = dict(defaults or {})
+    if args.params:
+        values |= _from_file(Path(args.params))
     for pair in args.set:
         name, equals, value = pair.partition("=")
         if not equals:
@@ -66,7 +69,7 @@ def _typed(name: str, value: Any, default: Value | None) -> Any:
 
 
 def _from_file(path: Path) -> dict[str, Any]:
-    """Settings by dotted name from a ROS parameter file, or from one without its two outer keys."""
+    """Settings by dotted name from a ROS parameter file, with or without its two outer keys."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -60,7 +60,7 @@ class Recorder:
             self._bag.write_points(sweep)
 
     def wait_for_topics(self, timeout: float) -> None:
-        """Wait until the segmenter publishes all topics, so that nothing of the first update is lost.
+        """Wait until the segmenter publishes all topics, so that no update is lost.
 
         Raises EllipsegError after `timeout` s.
         """
@@ -69,6 +69,11 @@ class Recorder:
     def wait_for_updates(self, count: int, timeout: float) -> None:
         """Wait until `count` updates have come; raises EllipsegError after `timeout` s."""
         self._wait(lambda: self.updates >= count, timeout, f"{count} updates were due, {{}} came")
+
+    def wait_for_report(self, key: str, value: int, timeout: float) -> None:
+        """Wait until /diagnostics of the segmenter say so; EllipsegError after `timeout` s."""
+        text = f"/diagnostics did not come to {key!r} = {value}"
+        self._wait(lambda: self.diagnostics.get(key) == str(value), timeout, text)
 
     def reset_segmenter(self, timeout: float) -> None:
         """Call ~/reset, which makes an update of the points that still wait for their boundary."""
@@ -115,8 +120,12 @@ class Recorder:
         self._note(lambda: self._matched.update({topic: event.current_count}))
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        own = f"{self._node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
         for status in msg.status:
-            self.diagnostics = {item.key: item.value for item in status.values}
+            if status.name.startswith(own):
+                with self._changed:
+                    self.diagnostics = {item.key: item.value for item in status.values}
+                    self._changed.notify_all()
 
     def _note(self, change: Callable[[], object]) -> None:
         with self._changed:

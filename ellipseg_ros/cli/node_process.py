@@ -1,0 +1,71 @@
+"""The segmenter node as a process of its own, which ends when its block ends."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+
+from ellipseg_ros.errors import EllipsegError
+
+START = "import sys; from ellipseg_ros.ros.segmenter_node import main; sys.exit(main())"
+FAREWELL = 10.0  # s that the node gets to end before it is killed
+
+
+class NodeProcess:
+    """A running segmenter; a context manager.
+
+    args: `--ros-args ...` of the node. log: file for all that it prints.
+    on_death: called, in another thread, with the reason if it ends before `stop` is called.
+    """
+
+    def __init__(self, args: list[str], log: Path, on_death: Callable[[str], None]) -> None:
+        self._args = args
+        self._log = log
+        self._on_death = on_death
+        self._asked = False
+
+    def __enter__(self) -> "NodeProcess":
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", START, *self._args],
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C ends it through us, in order
+            )
+        Thread(target=self._watch, name="node", daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def stop(self) -> None:
+        """End it as Ctrl-C does; raises EllipsegError if it does not end well."""
+        code = self._end()
+        if code:
+            raise EllipsegError(f"the node ended with {code}; see {self._log}")
+
+    def peak_memory_mb(self) -> float:
+        """Most memory that it has held so far, in MB (10^6 bytes)."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text()
+        kib = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
+        return round(int(kib) * 1024 / 1e6, 1)
+
+    def _end(self) -> int:
+        self._asked = True
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            return self._process.wait(FAREWELL)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+        except BaseException:  # a second Ctrl-C
+            self._process.kill()
+            raise
+
+    def _watch(self) -> None:
+        code = self._process.wait()
+        if not self._asked:
+            self._on_death(f"the node ended too early, with {code}; see {self._log}")

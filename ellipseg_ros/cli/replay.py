@@ -1,0 +1,26 @@
+"""`ellipseg replay`: publish a recording, a cloud or a scene, for a node that runs."""
+
+import json
+from argparse import Namespace
+from dataclasses import asdict
+
+from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.sources import open_input
+from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.ros.replayer import Replayer
+
+
+def run(args: Namespace) -> int:
+    """Publish until the end, or until Ctrl-C; returns the exit code."""
+    options = ReplayOptions(
+        rate=args.rate, loop=args.loop, start_paused=args.paused, ahead=args.ahead or 0.0
+    )
+    source = open_input(args.source, args)
+    total = None if args.loop else source.count
+    with Replayer(source, options) as replayer, progress(total, "clouds", args) as bar:
+        sent = replayer.run(lambda _: bar.update())
+    if args.json:
+        print(json.dumps(asdict(sent), indent=2))
+    missed = f"; {sent.missed} of {sent.updates} updates did not come back" if sent.missed else ""
+    say(f"{sent.points:,} points in {sent.clouds} clouds, {sent.wall_seconds:.1f} s{missed}", args)
+    return 0
