@@ -191,7 +191,7 @@ ERRORS = {
     "broken parameter file": (["segment", "yard", "--params", "words.txt"], "is no YAML"),
     "empty parameter file": (["segment", "yard", "--params", "empty.mcap"], "holds no settings"),
     "unwritable": (["segment", "yard", "-o", "words.txt/out"], "words.txt/out: Not a directory"),
-    "unwritable bag": (["simulate", "mixed", "-o", "words.txt/out"], "Not a directory"),
+    "unwritable bag": (["simulate", "mixed", "-o", "words.txt/out"], "can't be written"),
     "foreign folder": (["segment", "yard", "-o", "."], "give a new folder"),
     "replay of nothing": (["replay", "nowhere.mcap"], "there is no nowhere.mcap"),
     "rate out of range": (["replay", "yard", "--rate", "-1"], "rate is -1"),

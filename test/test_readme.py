@@ -64,7 +64,11 @@ def test_the_commands_parse(words: list[str]) -> None:
 
 def test_the_make_targets_exist() -> None:
     makefile = (ROOT / "Makefile").read_text()
-    targets = {word for text in map(Path.read_text, PAGES) for word in re.findall(r"^make (\w+)", text, re.M)}
+    targets = {
+        word
+        for text in map(Path.read_text, PAGES)
+        for word in re.findall(r"^make (\w+)", text, re.M)
+    }
     assert targets >= {"demo", "test"}
     assert all(re.search(rf"^{target}:", makefile, re.M) for target in targets)
 
@@ -97,5 +101,5 @@ def test_the_paper_page_names_code_that_exists() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_named_settings_exist(page: Path) -> None:
     known = {name for config in (Config(), NodeConfig()) for name, _, _ in walk(config)}
-    named = re.findall(r"`((?:graph|model|input|max|marker)[._]\w+)(?::[^`]*)?`", page.read_text())
+    named = re.findall(r"`((?:graph|model|max|marker)[._]\w+)(?::[^`]*)?`", page.read_text())
     assert set(named) <= known

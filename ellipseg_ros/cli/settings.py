@@ -76,7 +76,8 @@ def _from_file(path: Path) -> dict[str, Any]:
         reason = " ".join(str(error).split())
         raise ConfigError(f"{path} is no YAML: {reason}") from error
     values: dict[str, Any] = {}
-    _collect(content, "", values)
+    if isinstance(content, dict):
+        _collect(content, "", values)
     values.pop("use_sim_time", None)  # ROS's own; results come from stamps alone
     if not values:
         raise ConfigError(f"{path} holds no settings; config/segmenter.yaml shows how it looks")

@@ -1,0 +1,112 @@
+"""`ellipseg demo`: the whole way over DDS, with the node in a process of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ellipseg_ros.cli import node_process
+from ellipseg_ros.cli.main import main
+from ellipseg_ros.io.bag import read_messages
+
+LIMIT = 240.0  # s: the node may have to compile first
+
+
+def start_demo(*words, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "ellipseg_ros.cli.main", "demo", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def processes_with(word):
+    """Command lines of running processes that hold `word`."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            line = path.read_bytes().replace(b"\0", b" ").decode()
+        except OSError:  # it has just ended
+            continue
+        if word in line:
+            found.append(line)
+    return found
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The demo on 3.5 s of a simulated drive, thinned; its summary and its folder."""
+    folder = tmp_path_factory.mktemp("demo") / "demo"
+    process = start_demo(
+        "--duration", 3.5, "--set", "max_points_per_second=5000", "-o", folder, "--json"
+    )
+    out, err = process.communicate(timeout=LIMIT)
+    assert (process.returncode, err) == (0, "")
+    return json.loads(out), folder
+
+
+def test_every_update_is_that_of_the_offline_run(demo):
+    summary, folder = demo
+    assert summary["passed"] and not summary["problems"]
+    assert summary["updates"] == 4  # the last one of the half second that is left
+    assert summary["checks"]["equal to offline"] == "4 of 4 updates, bit for bit"
+    assert json.loads((folder / "summary.json").read_text()) == summary
+
+
+def test_every_point_is_accounted_for(demo):
+    summary, folder = demo
+    sent = sum(msg.width for _, msg in read_messages(folder / "bag", "/points"))
+    assert summary["points"] == summary["window"]["points"] == sent
+    (_, last) = list(read_messages(folder / "bag", "/segments"))[-1]
+    assert last.segmented + last.isolated + last.rejected + last.thinned == sent
+    assert last.thinned == summary["window"]["thinned"] > 0
+
+
+def test_the_bag_holds_all_topics(demo):
+    _, folder = demo
+    assert len(list(read_messages(folder / "bag", "/segmented_points"))) == 4
+    markers = [m for _, msg in read_messages(folder / "bag", "/ellipsoids") for m in msg.markers]
+    assert len(markers) > 10
+    assert np.isfinite([m.pose.position.x for m in markers]).all()
+
+
+def test_the_node_says_how_it_was(demo):
+    summary, folder = demo
+    assert summary["node"]["clouds lost by DDS"] == "0"
+    assert summary["update_ms"]["median"] > 0.0
+    assert summary["peak_memory_mb"] > 50.0
+    assert "ready" in (folder / "node.log").read_text()
+
+
+def test_the_results_are_there(demo):
+    _, folder = demo
+    names = {path.name for path in folder.iterdir()}
+    assert names >= {"bag", "window.npz", "window.ply", "segments.png", "ellipsoids.png"}
+
+
+def test_a_node_that_dies_is_one_line(ros_domain, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(node_process, "START", "raise SystemExit(3)")
+    folder = tmp_path / "out"
+    assert main(["demo", "--duration", "1", "-o", str(folder), "-q"]) == 2
+    assert capsys.readouterr().err == (
+        f"ellipseg: the node ended too early, with 3; see {folder / 'node.log'}\n"
+    )
+
+
+def test_ctrl_c_leaves_no_node_behind(tmp_path):
+    process = start_demo("-o", tmp_path / "out", env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    line = process.stderr.readline()
+    assert line.startswith("starting the node")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 130
+    assert err == "ellipseg: interrupted\n"
+    assert not processes_with(f"demo_{process.pid}")
+    assert not list(tmp_path.glob("out/.bag*"))
