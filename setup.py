@@ -173,7 +173,7 @@ setup(
             "pytest",
             "pytest-xdist",
             "ruff==0.17.6",
-            "scipy",
+            "scipy>=1.15",
         ],
     },
     entry_points={
