@@ -242,7 +242,8 @@ def node_types() -> Typestore:
     """The message types of Jazzy and of this package, from its .msg files."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = {}
-    for path in sorted(_msg_folder().glob("*.msg")):
+    folder = msg_folder(Path(ellipseg_ros.__path__[0]).resolve())
+    for path in sorted(folder.glob("*.msg")):
         types |= get_types_from_msg(
             path.read_text(encoding="utf-8"), f"ellipseg_ros/msg/{path.stem}"
         )
@@ -250,9 +251,8 @@ def node_types() -> Typestore:
     return store
 
 
-def _msg_folder() -> Path:
+def msg_folder(package: Path) -> Path:
     """msg/ of the checkout, or of the installation: below the prefix that the package is in."""
-    package = Path(ellipseg_ros.__path__[0]).resolve()
     prefixes = [*package.parents[:5], Path(sys.prefix)]
     places = [package.parent / "msg", *(p / "share/ellipseg_ros/msg" for p in prefixes)]
     for place in places:

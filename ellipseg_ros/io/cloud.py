@@ -184,7 +184,8 @@ def _read_npz(path: Path) -> Array:
     count = len(arrays["x"])
     if "t" in arrays:
         arrays["t"] = arrays["t"].astype(np.float64)
-    return _table({n: a for n, a in arrays.items() if a.ndim in (1, 2) and len(a) == count})
+    of_points = {n: a for n, a in arrays.items() if a.ndim in (1, 2) and len(a) == count}
+    return _table({name: arrays[name] for name in "xyz"} | of_points)
 
 
 READERS: dict[str, Callable[[Path], Array]] = {
