@@ -84,11 +84,11 @@ def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
 
     Parts of one layout keep it (offsets and padding too); others get the union of all fields.
     """
-    given = [part for part in parts if part is not None]
+    given = [part for part in parts if part is not None and len(part)]
     if not given:
-        return None
+        return next((part for part in parts if part is not None), None)
     layout = given[0].dtype
-    if any(part is None or part.dtype != layout for part in parts):
+    if any(part.dtype != layout for part in given):
         layout = _union([part.dtype for part in given])
     joined = np.zeros(sum(lengths), layout)
     start = 0

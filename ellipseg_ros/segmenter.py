@@ -5,11 +5,24 @@ from dataclasses import replace
 import numpy as np
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core import edges, ellipsoids, merge, neighbours, window
+from ellipseg_ros.core.edges import Edges, Renewed, no_edges, renumbered, update_edges
+from ellipseg_ros.core.ellipsoids import (
+    EIGENVALUES,
+    initial_ellipsoids,
+    neighbour_masses,
+    segment_moments,
+    segment_times,
+)
+from ellipseg_ros.core.merge import Merge, Merged
+from ellipseg_ros.core.neighbours import Change, Neighbours
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
-from ellipseg_ros.data import ISOLATED, Array, Ellipsoids, Segmentation, Sweep
+from ellipseg_ros.data import Array, Segmentation, Sweep
 from ellipseg_ros.grouping import SECOND, why_restart
+from ellipseg_ros.result import ellipsoid_records
+
+SPARE = 1.4  # rows made per row needed, so that rows are renumbered seldom
+DEAD = 0.3  # share of dead rows at which they are
 
 
 def segment(
@@ -25,15 +38,20 @@ def segment(
 
 
 class Segmenter:
-    """Segments a sliding window of sweeps; every call of `process` is one update."""
+    """Segments a sliding window of sweeps; every call of `process` is one update.
+
+    After every update the result is that of `segment` for the points in the window, bit for bit,
+    but only what changed has been computed.
+    """
 
     def __init__(self, config: Config | None = None, origin: Array | None = None) -> None:
         self._config = config or Config()
         self._given_origin = None if origin is None else np.asarray(origin, dtype=np.float64)
         self._tracker = Tracker()
-        self._window: Window | None = None
         self._sequence = 0
         self._restart = ""
+        self._window = Window(self._given_origin)
+        self._begin_graph()
 
     @property
     def config(self) -> Config:
@@ -42,111 +60,100 @@ class Segmenter:
 
     def configure(self, config: Config) -> None:
         """Take new settings, from the next update on; the window and the ids stay."""
+        other_graph = config.graph != self._config.graph
         self._config = config
+        if other_graph:
+            self._begin_graph()
 
     def reset(self, reason: str = "asked for") -> None:
         """Forget the window; ids go on. The next update carries `reason` and removes all ids."""
-        self._window = None
         self._tracker.reset()
         self._restart = reason
+        self._window = Window(self._given_origin)
+        self._begin_graph()
 
     def process(self, sweep: Sweep) -> Segmentation:
         """Segment the window that ends with `sweep`."""
         restart = sweep.restart or self._why_restart(sweep)
         if restart:
             self.reset(restart)
-        self._window = window.push(self._window, sweep, self._config, self._given_origin)
-        points = self._window.local
-        graph = neighbours.find_neighbours(points, self._config.graph)
-        nodes = np.empty((2 * len(points), ellipsoids.WIDTH))
-        ellipsoids.initial_ellipsoids(points, graph.rows, nodes)
-        masses = np.empty(2 * len(points))
-        masses[: len(points)] = ellipsoids.neighbour_masses(points, graph.rows)
-        walk = edges.find_edges(graph.rows, nodes)
-        merged = merge.merge(nodes, walk, graph.isolated, masses, self._config)
-        return self._result(points, nodes, merged)
+        push = self._window.push(sweep, self._config)
+        if self._neighbours.count == 0:  # a new graph of, perhaps, an old window
+            push = self._window.everything()
+        self._make_room(len(push.arrived))
+        change = self._neighbours.update(push.arrived, push.serial, push.expired)
+        remerge = self._merge.widened(change, self._config)
+        self._update_ellipsoids(change, remerge)
+        renewed = Renewed.after(change, self._neighbours.rows, self._merge.nodes)
+        self._edges = update_edges(self._edges, renewed)
+        return self._result(self._merge.update(self._edges, change, remerge))
+
+    def _begin_graph(self) -> None:
+        self._neighbours: Neighbours = Neighbours(self._config.graph)
+        self._edges: Edges = no_edges()
+        self._merge: Merge = Merge()
 
     def _why_restart(self, sweep: Sweep) -> str:
-        if self._window is None or not len(sweep):
+        if not self._window.started or not len(sweep):
             return ""
         newest = replace(sweep, stamp_ns=int(sweep.times_ns.max()))
         lateness = round(self._config.max_lateness * SECOND)
         return why_restart(self._window, newest, self._window.end_ns, lateness)
 
-    def _result(self, points: Array, nodes: Array, merged: merge.Merged) -> Segmentation:
-        now = self._window
-        assert now is not None  # process has just set it
-        origin = np.zeros(3) if now.origin is None else now.origin
+    def _make_room(self, arriving: int) -> None:
+        """Let every stage drop its dead rows, where there are many or no room is left."""
+        living = np.flatnonzero(self._neighbours.status)
+        needed = self._neighbours.count + arriving
+        if (
+            needed <= len(self._neighbours.status)
+            and needed - arriving - len(living) <= DEAD * needed
+        ):
+            return
+        spare = SPARE if len(living) else 1.0
+        capacity = round(spare * (len(living) + arriving))
+        self._edges = renumbered(self._edges, living)
+        self._merge.renumber(living, capacity)
+        self._neighbours.renumber(living, capacity)
+
+    def _update_ellipsoids(self, change: Change, remerge: Array) -> None:
+        points, rows = self._neighbours.points, self._neighbours.rows
+        initial_ellipsoids(points, rows, np.flatnonzero(change.dirty), self._merge.nodes)
+        if self._config.criterion == "density":
+            neighbour_masses(points, rows, np.flatnonzero(remerge), self._merge.masses)
+
+    def _result(self, merged: Merged) -> Segmentation:
+        now = self._window.points
+        takes_part = now.fate == TAKES_PART
         labels = now.fate.astype(np.int32)
-        labels[now.fate == TAKES_PART] = np.where(merged.labels < 0, ISOLATED, merged.labels)
-        own = ellipsoids.segment_moments(points, merged.labels, len(merged.roots))
-        own_ellipsoids = _ellipsoids(own, nodes[merged.roots], merged.aicc, origin)
-        facts = np.column_stack([own[:, : ellipsoids.EIGENVALUES], merged.aicc])
+        labels[takes_part] = merged.labels[self._neighbours.status > 0]  # -1 is ISOLATED
+        own = segment_moments(self._neighbours.points, merged.labels, len(merged.roots))
+        facts = np.column_stack([own[:, :EIGENVALUES], merged.aicc])
         tracks = self._tracker.assign(now.arrival, labels, facts)
-        first, last = _seen(labels, now.times_ns, len(merged.roots))
+        first, last = segment_times(now.times_ns, labels, len(merged.roots))
+        model = self._merge.nodes[merged.roots]
         found = Segmentation(
             labels=labels,
-            ellipsoids=own_ellipsoids,
+            ellipsoids=ellipsoid_records(own, model, merged.aicc, self._window.origin),
             aicc=float(np.sum(merged.aicc)),
             criterion=self._config.criterion,
             threshold=self._config.tau,
-            origin=origin,
-            points=now.points,
+            origin=self._window.origin,
+            points=now.position,
             arrival=now.arrival,
             times_ns=now.times_ns,
-            fields=now.fields,
-            frame_id=now.frame_id,
+            fields=self._window.fields,
+            frame_id=self._window.frame_id,
             ids=tracks.ids,
             state=tracks.state,
             parents=tracks.parents,
             removed=tracks.removed,
             first_seen_ns=first,
             last_seen_ns=last,
-            start_ns=now.start_ns,
-            end_ns=now.end_ns,
+            start_ns=self._window.start_ns,
+            end_ns=self._window.end_ns,
             sequence=self._sequence,
             restart=self._restart,
         )
         self._sequence += 1
         self._restart = ""
         return found
-
-
-def _seen(labels: Array, times: Array, segments: int) -> tuple[Array, Array]:
-    """Times of the oldest and of the newest point of every segment, ns."""
-    first = np.full(segments, np.iinfo(np.int64).max)
-    last = np.full(segments, np.iinfo(np.int64).min)
-    inside = labels >= 0
-    np.minimum.at(first, labels[inside], times[inside])
-    np.maximum.at(last, labels[inside], times[inside])
-    return first, last
-
-
-def _ellipsoids(own: Array, model: Array, aicc: Array, origin: Array) -> Ellipsoids:
-    """Nodes as a record in the world frame; own: moments of the points, model: of the unions."""
-    axes = own[:, ellipsoids.AXES : ellipsoids.AXES + 9].reshape(-1, 3, 3).transpose(0, 2, 1)
-    planarity = own[:, ellipsoids.PLANARITY].copy()
-    cylindricality = own[:, ellipsoids.CYLINDRICALITY].copy()
-    return Ellipsoids(
-        count=own[:, ellipsoids.COUNT].astype(np.int64),
-        mean=_mean(own) + origin,
-        covariance=_covariance(own),
-        eigenvalues=own[:, ellipsoids.EIGENVALUES : ellipsoids.EIGENVALUES + 3].copy(),
-        axes=np.ascontiguousarray(axes),
-        planarity=planarity,
-        cylindricality=cylindricality,
-        sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
-        aicc=aicc,
-        model_mean=_mean(model) + origin,
-        model_covariance=_covariance(model),
-    )
-
-
-def _mean(nodes: Array) -> Array:
-    return nodes[:, ellipsoids.MEAN : ellipsoids.MEAN + 3]
-
-
-def _covariance(nodes: Array) -> Array:
-    """(s, 3, 3) from xx, xy, xz, yy, yz, zz."""
-    six = nodes[:, ellipsoids.COVARIANCE : ellipsoids.COVARIANCE + 6]
-    return six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)

@@ -4,10 +4,10 @@ import naive
 import numpy as np
 import pytest
 from clouds import grid, street
+from stages import graph_of
 
-from ellipseg_ros.config import GraphConfig
 from ellipseg_ros.core import criteria, jit, kdtree
-from ellipseg_ros.core.edges import edge_weight, find_edges
+from ellipseg_ros.core.edges import edge_weight
 from ellipseg_ros.core.eigen import eigen
 from ellipseg_ros.core.ellipsoids import (
     AXES,
@@ -18,13 +18,11 @@ from ellipseg_ros.core.ellipsoids import (
     MEAN,
     PLANARITY,
     WIDTH,
-    initial_ellipsoids,
     neighbour_masses,
     segment_moments,
     shape,
     unite,
 )
-from ellipseg_ros.core.neighbours import find_neighbours
 from ellipseg_ros.core.sorting import sorted_order
 
 UPPER = np.triu_indices(3)
@@ -52,44 +50,49 @@ def random_moment(rng):
 @pytest.mark.parametrize(("cloud", "n"), CLOUDS)
 def test_neighbours_equal_the_naive_ones_to_the_last_tie(cloud, n):
     points = cloud(n, np.random.default_rng(n))
-    found = find_neighbours(points, GraphConfig())
+    found = graph_of(points)
     expected = naive.neighbours(points)
-    assert [list(row[row >= 0]) for row in found.rows] == [near or [] for near in expected]
+    assert [list(row[row >= 0]) for row in found.neighbours.rows] == [
+        near or [] for near in expected
+    ]
     assert list(found.isolated) == [near is None for near in expected]
 
 
-def test_a_hidden_point_is_nobodys_neighbour():
+def test_points_of_a_lesser_status_are_nobodys_neighbours_in_any_number_of_trees():
     points = street(100, np.random.default_rng(0))
-    hidden = np.arange(100) % 3 == 0
-    tree = kdtree.build(points)
-    kdtree.hide(tree, hidden)
+    status = (np.arange(100) % 3 != 0).astype(np.uint8)
+    trees = [kdtree.build(points, rows) for rows in np.split(np.arange(100), [60, 65, 65])]
     rows, squared = np.full((100, 10), -1, np.int32), np.full((100, 10), np.inf)
-    kdtree.nearest(tree, ~hidden, rows, squared)
-    members = list(np.flatnonzero(~hidden))
-    assert (rows[hidden] == -1).all()
+    kdtree.nearest(trees, kdtree.Search(status == 1, status, 1, rows, squared))
+    members = list(np.flatnonzero(status))
+    assert (rows[status == 0] == -1).all()
     for i in members:
         assert list(rows[i]) == naive.nearest(points, i, members, 10)
 
 
+def test_who_gains_a_neighbour_is_found_to_the_last_tie():
+    points = grid(120, np.random.default_rng(1))
+    old, new = np.arange(0, 120, 2), np.arange(1, 120, 2)
+    status = np.ones(120, np.uint8)
+    rows, squared = np.full((120, 10), -1, np.int32), np.full((120, 10), np.inf)
+    search = kdtree.Search(np.arange(120) % 2 == 0, status, 1, rows, squared)
+    tree = kdtree.build(points, old)
+    kdtree.nearest([tree], search)
+    gains = kdtree.gaining([tree], kdtree.build(points, new), search)
+    for i in old:
+        before, now = (naive.nearest(points, i, who, 10) for who in (old, range(120)))
+        assert gains[i] == (before != now)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_the_number_of_threads_changes_nothing(threads, monkeypatch):
-    points = (
-        street(3000, np.random.default_rng(1))
-        if not jit.PLAIN
-        else grid(60, np.random.default_rng(1))
-    )
-
-    def edges():
-        graph = find_neighbours(points, GraphConfig())
-        nodes = np.empty((2 * len(points), WIDTH))
-        initial_ellipsoids(points, graph.rows, nodes)
-        return find_edges(graph.rows, nodes)
-
-    expected = edges()
-    monkeypatch.setattr(jit, "THREADS", threads)
-    monkeypatch.setattr("ellipseg_ros.core.sorting.THREADS", threads)
+    size = 60 if jit.PLAIN else 3000
+    points = street(size, np.random.default_rng(1))
+    expected = graph_of(points).edges
+    for module in ("jit", "sorting", "edges"):
+        monkeypatch.setattr(f"ellipseg_ros.core.{module}.THREADS", threads)
     monkeypatch.setattr(jit, "LEAST", 10)
-    for column, other in zip(edges(), expected, strict=True):
+    for column, other in zip(graph_of(points).edges, expected, strict=True):
         assert np.array_equal(column, other)
 
 
@@ -114,10 +117,10 @@ def test_eigenvalues_and_axes_equal_those_of_lapack():
 @pytest.mark.parametrize(("cloud", "n"), CLOUDS)
 def test_initial_ellipsoids_masses_and_edges_equal_the_naive_ones(cloud, n):
     points = cloud(n, np.random.default_rng(n))
-    graph = find_neighbours(points, GraphConfig())
-    nodes = np.empty((2 * n, WIDTH))
-    initial_ellipsoids(points, graph.rows, nodes)
-    masses = neighbour_masses(points, graph.rows)
+    graph = graph_of(points)
+    nodes = graph.nodes
+    masses = np.zeros(n)
+    neighbour_masses(points, graph.neighbours.rows, np.flatnonzero(~graph.isolated), masses)
     lists = naive.neighbours(points)
     models = {}
     for i in np.flatnonzero(~graph.isolated):
@@ -129,7 +132,7 @@ def test_initial_ellipsoids_masses_and_edges_equal_the_naive_ones(cloud, n):
         values = nodes[i, EIGENVALUES : EIGENVALUES + 3]
         shares = naive.shape(values)
         assert np.allclose(nodes[i, [PLANARITY, CYLINDRICALITY]], shares[:2], atol=1e-12)
-    found = find_edges(graph.rows, nodes)
+    found = graph.edges
     assert sorted(zip(found.i, found.j, strict=True)) == naive.edges(lists)
     assert list(zip(*found, strict=True)) == sorted(zip(*found, strict=True))
     if cloud is street:  # a grid's axes are arbitrary where eigenvalues tie

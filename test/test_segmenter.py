@@ -6,12 +6,10 @@ import naive
 import numpy as np
 import pytest
 from clouds import grid, stream, street
+from stages import graph_of
 
 from ellipseg_ros import simulator
-from ellipseg_ros.config import Config, GraphConfig
-from ellipseg_ros.core.edges import find_edges
-from ellipseg_ros.core.ellipsoids import WIDTH, initial_ellipsoids
-from ellipseg_ros.core.neighbours import find_neighbours
+from ellipseg_ros.config import Config
 from ellipseg_ros.data import ISOLATED, REJECTED, THINNED, State, Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.segmenter import Segmenter, segment
@@ -21,10 +19,7 @@ CRITERIA = [("shape", 4.0), ("shape", 20.0), ("density", 0.02), ("parsimony", 5.
 
 def walked_edges(points):
     """The edges in the order of the walk, which must ascend for the naive weights too."""
-    graph = find_neighbours(points, GraphConfig())
-    nodes = np.empty((len(points), WIDTH))
-    initial_ellipsoids(points, graph.rows, nodes)
-    walk = find_edges(graph.rows, nodes)
+    walk = graph_of(points).edges
     lists = naive.neighbours(points)
     models = [near and naive.initial_ellipsoid(points, i, near) for i, near in enumerate(lists)]
     order = list(zip(walk.i.tolist(), walk.j.tolist(), strict=True))

@@ -19,19 +19,18 @@ CYLINDRICALITY = 23
 WIDTH = 24
 
 
-def initial_ellipsoids(points: Array, neighbours: Array, nodes: Array) -> None:
-    """Fill the first rows of `nodes` with the moments over N(i): i and its neighbours.
+def initial_ellipsoids(points: Array, neighbours: Array, chosen: Array, nodes: Array) -> None:
+    """Fill the chosen rows of `nodes` with the moments over N(i): i and its neighbours.
 
-    points (n, 3) m, neighbours (n, k) int32, -1 for none. Paper, eqs. 2-5; the count is 1.
+    points (n, 3) m, neighbours (n, k) int32, -1 for none, chosen (c,) int. Paper, eqs. 2-5; the
+    count is 1.
     """
-    for_rows(_initial, len(points), points, neighbours, nodes)
+    for_rows(_initial, len(chosen), points, neighbours, chosen, nodes)
 
 
-def neighbour_masses(points: Array, neighbours: Array) -> Array:
-    """Mass of every point: (mean distance to its neighbours)^2, m^2 (paper, eq. 6)."""
-    masses = np.zeros(len(points))
-    for_rows(_masses, len(points), points, neighbours, masses)
-    return masses
+def neighbour_masses(points: Array, neighbours: Array, chosen: Array, masses: Array) -> None:
+    """Fill the chosen rows of `masses`: (mean distance to neighbours)^2, m^2 (paper, eq. 6)."""
+    for_rows(_masses, len(chosen), points, neighbours, chosen, masses)
 
 
 def segment_moments(points: Array, labels: Array, segments: int) -> Array:
@@ -45,10 +44,19 @@ def segment_moments(points: Array, labels: Array, segments: int) -> Array:
     return nodes
 
 
+def segment_times(times: Array, labels: Array, segments: int) -> tuple[Array, Array]:
+    """Times (s,) of the oldest and of the newest point of every segment; times (n,) int64, ns."""
+    first = np.full(segments, np.iinfo(np.int64).max)
+    last = np.full(segments, np.iinfo(np.int64).min)
+    _times(times, labels, first, last)
+    return first, last
+
+
 @kernel
-def _initial(start, stop, points, neighbours, nodes):
+def _initial(start, stop, points, neighbours, chosen, nodes):
     k = neighbours.shape[1]
-    for i in range(start, stop):
+    for which in range(start, stop):
+        i = chosen[which]
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         mx = my = mz = 0.0
         members = 1
@@ -128,8 +136,9 @@ def unite(nodes, a, b, into):
 
 
 @kernel
-def _masses(start, stop, points, neighbours, masses):
-    for i in range(start, stop):
+def _masses(start, stop, points, neighbours, chosen, masses):
+    for which in range(start, stop):
+        i = chosen[which]
         total = 0.0
         members = 0
         for slot in range(neighbours.shape[1]):
@@ -143,8 +152,7 @@ def _masses(start, stop, points, neighbours, masses):
                 points[j, 2] - points[i, 2],
             )
             total += math.sqrt(dx * dx + dy * dy + dz * dz)
-        if members > 0:
-            masses[i] = (total / members) * (total / members)
+        masses[i] = (total / members) * (total / members) if members > 0 else 0.0
 
 
 @kernel
@@ -186,3 +194,11 @@ def _sum_points(points, labels, nodes):
 def _shapes(start, stop, nodes):
     for i in range(start, stop):
         shape(nodes, i)
+
+
+@kernel
+def _times(times, labels, first, last):
+    for i in range(len(times)):
+        s = labels[i]
+        if s >= 0:
+            first[s], last[s] = min(first[s], times[i]), max(last[s], times[i])

@@ -1,7 +1,7 @@
-"""A balanced kd-tree for the k nearest neighbours of all its own points.
+"""Balanced kd-trees, searched for the k nearest neighbours of many points at a time.
 
 Ours rather than a library's, since a neighbour list must be exact to the last tie: ascending
-(d^2, index) with d^2 = (dx^2 + dy^2) + dz^2 in float64. A box's distance is computed by the same
+(d^2, row) with d^2 = (dx^2 + dy^2) + dz^2 in float64. A box's distance is computed by the same
 monotonic operations, so it is never above that of a point inside, and pruning loses nothing.
 All points of a leaf walk down the tree together.
 """
@@ -20,7 +20,7 @@ class Tree(NamedTuple):
     """Nodes are numbered like a heap, root 1; node q of level d holds the positions
     q n >> d to (q + 1) n >> d of the points, which lie in the order of the leaves."""
 
-    x: Array  # (n,) float64; NaN hides a point from queries
+    x: Array  # (n,) float64
     y: Array
     z: Array
     rows: Array  # (n,) int32: the row of the point
@@ -29,47 +29,58 @@ class Tree(NamedTuple):
     depth: int  # level of the leaves
 
 
-def build(points: Array) -> Tree:
-    """Tree of points (n, 3) float64, finite."""
-    count = len(points)
+class Search(NamedTuple):
+    """Whose neighbours are wanted among whom, and where they go; arrays by row."""
+
+    wanted: Array  # (rows,) bool
+    status: Array  # (rows,) uint8
+    least: int  # only points of at least this status are neighbours
+    found: Array  # (rows, k) int32, ascending by (d^2, row), never the point itself; -1 for none
+    squared: Array  # (rows, k) float64, m^2; inf for none
+
+
+def build(points: Array, rows: Array) -> Tree:
+    """Tree of points[rows]; points (r, 3) float64, finite, rows (n,) int."""
+    count = len(rows)
     depth = max(0, int(np.ceil(np.log2(max(count, 1) / LEAF))))
-    rows = np.empty((count, 4))
-    rows[:, :3] = points
-    rows[:, 3] = np.arange(count)
+    table = np.empty((count, 4))
+    table[:, :3] = points[rows]
+    table[:, 3] = rows
     low = np.full((2 << depth, 3), np.inf)
     high = np.full((2 << depth, 3), -np.inf)
     top = min(depth, 1)
-    _split(1, top, rows, depth, low, high)
-    for_parts(
-        [(node, depth + 1) for node in range(1 << top, 2 << top)], _split, rows, depth, low, high
-    )
-    x, y, z = (np.ascontiguousarray(rows[:, axis]) for axis in range(3))
-    return Tree(x, y, z, rows[:, 3].astype(np.int32), low, high, depth)
+    _split(1, top, table, depth, low, high)
+    nodes = [(node, depth + 1) for node in range(1 << top, 2 << top)]
+    for_parts(nodes, _split, table, depth, low, high)
+    x, y, z = (np.ascontiguousarray(table[:, axis]) for axis in range(3))
+    return Tree(x, y, z, table[:, 3].astype(np.int32), low, high, depth)
 
 
-def hide(tree: Tree, hidden: Array) -> None:
-    """Hide the points of the rows where `hidden` (n,) bool from later queries."""
-    tree.x[hidden[tree.rows]] = np.nan
+def nearest(trees: list[Tree], search: Search) -> None:
+    """Fill the wanted rows of `found` and `squared`; every point is in one of the trees."""
+    for source in trees:
+        for target in (source, *(tree for tree in trees if tree is not source)):
+            for_parts(_leaf_parts(source), _nearest, source, target, target is source, search)
 
 
-def nearest(tree: Tree, wanted: Array, found: Array, squared: Array) -> None:
-    """Fill rows of `found` (n, k) int32 and `squared` (n, k) m^2 where `wanted` (n,) bool.
+def gaining(trees: list[Tree], entering: Tree, search: Search) -> Array:
+    """(rows,) bool: the wanted rows to which an entering point is nearer than their last one."""
+    gains = np.zeros(len(search.wanted), bool)
+    if len(entering.rows):
+        for source in trees:
+            for_parts(_leaf_parts(source), _gaining, source, entering, search, gains)
+    return gains
 
-    Ascending by (d^2, index), the point itself left out by its index; -1 and inf where there are
-    fewer than k others.
-    """
+
+def _leaf_parts(tree: Tree) -> list[tuple[int, int]]:
     leaves = 1 << tree.depth
-    parts = (
-        [(leaves * k // 8, leaves * (k + 1) // 8) for k in range(8)]
-        if leaves > 64
-        else [(0, leaves)]
-    )
-    for_parts(parts, _nearest, tree, wanted, found, squared)
+    parts = 8 if leaves > 64 else 1
+    return [(leaves * k // parts, leaves * (k + 1) // parts) for k in range(parts)]
 
 
 @kernel
-def _split(node, stop, rows, depth, low, high):
-    """Order `rows` below `node` down to the level before `stop`; set the boxes met."""
+def _split(node, stop, table, depth, low, high):
+    """Order `table` below `node` down to the level before `stop`; set the boxes met."""
     stack = [node]
     while len(stack) > 0:
         node = stack.pop()
@@ -77,39 +88,41 @@ def _split(node, stop, rows, depth, low, high):
         while (node >> level) > 1:
             level += 1
         position = node - (1 << level)
-        start = (position * len(rows)) >> level
-        end = ((position + 1) * len(rows)) >> level
+        start = (position * len(table)) >> level
+        end = ((position + 1) * len(table)) >> level
+        for axis in range(3):
+            low[node, axis], high[node, axis] = np.inf, -np.inf
         for i in range(start, end):
             for axis in range(3):
-                low[node, axis] = min(low[node, axis], rows[i, axis])
-                high[node, axis] = max(high[node, axis], rows[i, axis])
+                low[node, axis] = min(low[node, axis], table[i, axis])
+                high[node, axis] = max(high[node, axis], table[i, axis])
         if level == depth or level >= stop:
             continue
         axis = 0
         for other in range(1, 3):
             if high[node, other] - low[node, other] > high[node, axis] - low[node, axis]:
                 axis = other
-        middle = ((2 * position + 1) * len(rows)) >> (level + 1)
-        _select(rows, start, end - 1, middle, axis)
+        middle = ((2 * position + 1) * len(table)) >> (level + 1)
+        _select(table, start, end - 1, middle, axis)
         stack.append(2 * node + 1)
         stack.append(2 * node)
 
 
 @kernel
-def _select(rows, left, right, middle, axis):
+def _select(table, left, right, middle, axis):
     """Hoare's selection: on `axis`, earlier rows are at most, later ones at least `middle`'s."""
     while left < right:
-        a, b, c = rows[left, axis], rows[(left + right) >> 1, axis], rows[right, axis]
+        a, b, c = table[left, axis], table[(left + right) >> 1, axis], table[right, axis]
         pivot = max(min(a, b), min(max(a, b), c))
         i, j = left, right
         while i <= j:
-            while rows[i, axis] < pivot:
+            while table[i, axis] < pivot:
                 i += 1
-            while rows[j, axis] > pivot:
+            while table[j, axis] > pivot:
                 j -= 1
             if i <= j:
                 for column in range(4):
-                    rows[i, column], rows[j, column] = rows[j, column], rows[i, column]
+                    table[i, column], table[j, column] = table[j, column], table[i, column]
                 i += 1
                 j -= 1
         if middle <= j:
@@ -121,35 +134,46 @@ def _select(rows, left, right, middle, axis):
 
 
 @kernel
-def _nearest(first, last, tree, wanted, found, squared):  # noqa: PLR0915  # see below
-    """The neighbours of the points in the leaves first to last.
+def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see below
+    """The neighbours in `target` of the points in the leaves first to last of `source`.
 
-    With the insertion in a function of its own, or the arrays taken out of the tuple further down,
-    it takes 1.5 times as long: numba counts references at every call.
+    own: the trees are the same one, and the lists begin anew; else they are added to. With the
+    insertion in a function of its own, or the arrays taken out of the tuples further down, it
+    takes 1.5 times as long: numba counts references at every call.
     """
-    x, y, z, rows, low, high, depth = tree
+    x, y, z, rows, low, high, depth = target
+    from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
+    wanted, status, least, found, squared = search
     n, k, leaves = len(x), found.shape[1], 1 << depth
     near, near_squared = np.empty((LEAF, k), np.int32), np.empty((LEAF, k))
     queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
     stack, gaps = np.empty(64, np.int64), np.empty(64)
     for leaf in range(first, last):
         count = 0
-        for position in range((leaf * n) >> depth, ((leaf + 1) * n) >> depth):
-            if wanted[rows[position]] and not np.isnan(x[position]):
+        worst = 0.0
+        start = (leaf * len(from_x)) >> source.depth
+        end = ((leaf + 1) * len(from_x)) >> source.depth
+        for position in range(start, end):
+            row = from_rows[position]
+            if wanted[row]:
                 queries[count] = position
                 for slot in range(k):
-                    near[count, slot], near_squared[count, slot] = -1, np.inf
+                    near[count, slot] = -1 if own else found[row, slot]
+                    near_squared[count, slot] = np.inf if own else squared[row, slot]
+                worst = max(worst, near_squared[count, k - 1])
                 count += 1
         if count == 0:
             continue
-        _bound(x, y, z, queries, count, box)
+        _bound(from_x, from_y, from_z, queries, count, box)
         # Down the tree: the own leaf first, then always the nearer child.
-        stack[0], gaps[0], stack[1], gaps[1], top = 1, 0.0, leaves + leaf, 0.0, 2
-        worst, fresh = np.inf, True
+        stack[0], gaps[0], top = 1, 0.0, 1
+        if own:
+            stack[1], gaps[1], top = leaves + leaf, 0.0, 2
+        fresh = own
         while top > 0:
             top -= 1
             node = stack[top]
-            if gaps[top] > worst or (node == leaves + leaf and not fresh):
+            if gaps[top] > worst or (own and node == leaves + leaf and not fresh):
                 continue
             if node < leaves:
                 top = _descend(low, high, node, box, worst, stack, gaps, top)
@@ -159,7 +183,7 @@ def _nearest(first, last, tree, wanted, found, squared):  # noqa: PLR0915  # see
             worst = 0.0
             for q in range(count):
                 here = queries[q]
-                px, py, pz = x[here], y[here], z[here]
+                px, py, pz, me = from_x[here], from_y[here], from_z[here], from_rows[here]
                 limit = near_squared[q, k - 1]
                 dx = max(0.0, low[node, 0] - px, px - high[node, 0])
                 dy = max(0.0, low[node, 1] - py, py - high[node, 1])
@@ -168,8 +192,10 @@ def _nearest(first, last, tree, wanted, found, squared):  # noqa: PLR0915  # see
                     for other in range(start, end):
                         dx, dy, dz = x[other] - px, y[other] - py, z[other] - pz
                         d = dx * dx + dy * dy + dz * dz
-                        if d <= limit and other != here:
+                        if d <= limit:
                             candidate = rows[other]
+                            if candidate == me or status[candidate] < least:
+                                continue
                             slot = k - 1
                             if d == limit and near[q, slot] >= 0 and candidate > near[q, slot]:
                                 continue
@@ -184,15 +210,64 @@ def _nearest(first, last, tree, wanted, found, squared):  # noqa: PLR0915  # see
                             limit = near_squared[q, k - 1]
                 worst = max(worst, limit)
         for q in range(count):
-            row = rows[queries[q]]
+            row = from_rows[queries[q]]
             for slot in range(k):
                 found[row, slot], squared[row, slot] = near[q, slot], near_squared[q, slot]
 
 
 @kernel
+def _gaining(first, last, source, entering, search, gains):
+    """Mark the wanted points in the leaves first to last that an entering point comes near."""
+    x, y, z, rows, low, high, depth = entering
+    from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
+    wanted, _, _, found, squared = search
+    n, k, leaves = len(x), found.shape[1], 1 << depth
+    queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
+    stack, gaps = np.empty(64, np.int64), np.empty(64)
+    for leaf in range(first, last):
+        count = 0
+        reach = 0.0
+        start = (leaf * len(from_x)) >> source.depth
+        end = ((leaf + 1) * len(from_x)) >> source.depth
+        for position in range(start, end):
+            row = from_rows[position]
+            if wanted[row]:
+                queries[count] = position
+                reach = max(reach, squared[row, k - 1])
+                count += 1
+        if count == 0:
+            continue
+        _bound(from_x, from_y, from_z, queries, count, box)
+        stack[0], gaps[0], top = 1, 0.0, 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if node < leaves:
+                top = _descend(low, high, node, box, reach, stack, gaps, top)
+                continue
+            start, end = ((node - leaves) * n) >> depth, ((node - leaves + 1) * n) >> depth
+            for q in range(count):
+                here = queries[q]
+                row = from_rows[here]
+                for other in range(start, end):
+                    dx, dy, dz = (
+                        x[other] - from_x[here],
+                        y[other] - from_y[here],
+                        z[other] - from_z[here],
+                    )
+                    d = dx * dx + dy * dy + dz * dz
+                    if d < squared[row, k - 1] or (
+                        d == squared[row, k - 1] and rows[other] < found[row, k - 1]
+                    ):
+                        gains[row] = True
+                        break
+
+
+@kernel
 def _bound(x, y, z, queries, count, box):
     """Corners of the box around some positions."""
-    box[0], box[1] = np.inf, -np.inf
+    for axis in range(3):
+        box[0, axis], box[1, axis] = np.inf, -np.inf
     for q in range(count):
         here = queries[q]
         box[0, 0], box[1, 0] = min(box[0, 0], x[here]), max(box[1, 0], x[here])

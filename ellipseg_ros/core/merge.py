@@ -1,4 +1,13 @@
-"""Region growing: Kruskal's walk over the sorted edges, merging while the criterion allows."""
+"""Region growing with memory: Kruskal's walk over the sorted edges, exact and incremental.
+
+The walk of the last update is remembered as a forest (the dendrogram): every union is a node with
+its moments and the edge (w, i, j) that made it. A subtree without a dirty or gone vertex *sleeps*:
+until the edge that merged it into something else, it would only repeat what it did. So edges
+between sleepers are skipped, and a sleeper's state at an edge is its highest ancestor made before.
+It wakes at the edge that made its parent, if that parent holds a change, or when an awake segment
+merges with it; then the siblings above become sleepers of their own, until *their* parents' edges.
+With every vertex dirty this is the plain walk: there is no second code for batch.
+"""
 
 from typing import NamedTuple
 
@@ -8,81 +17,366 @@ from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.criteria import density_distance, segment_aicc, shape_distance
 from ellipseg_ros.core.disjoint_set import find
 from ellipseg_ros.core.edges import Edges
-from ellipseg_ros.core.ellipsoids import unite
+from ellipseg_ros.core.ellipsoids import WIDTH, unite
 from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.neighbours import Change
 from ellipseg_ros.data import Array
 
 SHAPE, DENSITY, PARSIMONY = range(
     len(CRITERIA)
 )  # numbers for the kernels, in the order of CRITERIA
+NONE = -1  # no parent, no child
+
+
+class Forest(NamedTuple):
+    """Nodes: vertex v is node v, unions stand from `capacity` on. Arrays by node."""
+
+    nodes: Array  # (2 capacity, 24) float64: moments, see ellipsoids
+    extra: Array  # float64: mass (density) or AICc (parsimony)
+    parent: Array  # int32
+    left: Array  # int32: children, side a and side b; NONE in a vertex or a free node
+    right: Array
+    made_weight: Array  # float64: the edge that made the union
+    made_i: Array  # int32
+    made_j: Array
+    above: Array  # int32: some ancestor made before the edge walked now, or the node itself
+    awake: Array  # (capacity,) bool: by vertex
+    free: Array  # (capacity + 1,) int32: unions not in use; the last entry counts them
+
+
+class Events(NamedTuple):
+    """A heap of nodes by the edge at which they wake."""
+
+    weight: Array
+    i: Array
+    j: Array
+    node: Array
+    size: Array  # (1,) int64
+
+
+class Rule(NamedTuple):
+    """The criterion in force, in numbers."""
+
+    criterion: int
+    tau: float
+    floor: float  # m^2
+    noise: float  # m^2
 
 
 class Merged(NamedTuple):
-    """The forest that the walk has grown; its roots are the segments."""
+    """The segments of now; s segments."""
 
     roots: Array  # (s,) int32: rows of the nodes, by the lowest vertex below
-    labels: Array  # (n,) int32: row of `roots` of every vertex, -1 where isolated
+    labels: Array  # (rows,) int32: row of `roots` of every vertex, -1 for none
     aicc: Array  # (s,) float64
 
 
-def merge(nodes: Array, edges: Edges, isolated: Array, masses: Array, config: Config) -> Merged:
-    """Walk the edges; two segments a (i's) and b become one where D(a, b) <= tau.
+class Merge:
+    """The forest, from update to update."""
 
-    nodes (2 n, 24): initial ellipsoids in the first n rows; a union takes the next free row.
-    masses (2 n,) m^2, likewise; only density reads it.
-    """
-    n = len(isolated)
-    criterion = CRITERIA.index(config.criterion)
-    floor, noise = config.model.eigenvalue_floor, config.model.noise_variance
-    above = np.arange(2 * n, dtype=np.int32)
-    extra = masses
-    if criterion == PARSIMONY:
-        extra = np.empty(2 * n)
-        _aicc_of(nodes, np.arange(n), noise, extra)
-    _walk(nodes, above, extra, edges, criterion, config.tau, floor, noise)
-    labels = np.full(n, -1, np.int32)
-    roots = np.empty(n, np.int32)
-    roots = roots[: _label(above, isolated, labels, roots)]
-    aicc = np.empty(len(roots))
-    _aicc_of(nodes, roots, noise, aicc)
-    return Merged(roots, labels, aicc)
+    def __init__(self) -> None:
+        self._rule = Rule(-1, 0.0, 0.0, 0.0)  # none yet
+        self._forest = _new_forest(0)
+
+    @property
+    def nodes(self) -> Array:
+        """(2 capacity, 24) moments; the owner fills the rows of vertices before `update`."""
+        return self._forest.nodes
+
+    @property
+    def masses(self) -> Array:
+        """(2 capacity,) m^2, read by density alone; to be filled likewise."""
+        return self._forest.extra
+
+    def renumber(self, keep: Array, capacity: int) -> None:
+        """Keep the vertices `keep` (n,) ascending, as 0 to n - 1; see Neighbours.renumber."""
+        old = self._forest
+        unions = len(old.awake) + np.flatnonzero(old.left[len(old.awake) :] != NONE)
+        kept = np.concatenate([keep, unions])
+        now = np.concatenate([np.arange(len(keep)), capacity + np.arange(len(unions))])
+        names = np.full(len(old.parent) + 1, NONE, np.int32)  # node -1 is the last
+        names[kept] = now
+        new = _new_forest(capacity)
+        for name in ("nodes", "extra", "made_weight"):
+            getattr(new, name)[now] = getattr(old, name)[kept]
+        for name in ("parent", "left", "right", "made_i", "made_j"):
+            getattr(new, name)[now] = names[getattr(old, name)[kept]]
+        new.free[-1] = capacity - len(unions)
+        self._forest = new
+
+    def widened(self, change: Change, config: Config) -> Array:
+        """The dirty vertices; all where the criterion or its numbers have changed."""
+        rule = Rule(
+            CRITERIA.index(config.criterion),
+            config.tau,
+            config.model.eigenvalue_floor,
+            config.model.noise_variance,
+        )
+        changed, self._rule = rule != self._rule, rule
+        return change.member if changed else change.dirty
+
+    def update(self, edges: Edges, change: Change, dirty: Array) -> Merged:
+        """Walk the edges; two segments a (i's) and b become one where D(a, b) <= tau.
+
+        dirty: the vertices to begin anew with, as `widened` gave them.
+        """
+        forest, rule = self._forest, self._rule
+        if rule.criterion == PARSIMONY:
+            _aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
+        events = _no_events(len(forest.parent) + 1)
+        _begin(forest, dirty, change.gone, events)
+        _walk(forest, edges, rule, events)
+        labels = np.full(len(change.member), -1, np.int32)
+        roots = np.empty(np.count_nonzero(change.member), np.int32)
+        roots = roots[: _label(forest.above, change.member, labels, roots)]
+        aicc = np.empty(len(forest.parent))
+        _aicc_of(forest.nodes, roots, rule.noise, aicc)
+        return Merged(roots, labels, aicc[roots])
+
+
+def _new_forest(capacity: int) -> Forest:
+    size = 2 * capacity
+    unions = np.arange(size - 1, capacity - 1, -1)  # the lowest one is on top
+    return Forest(
+        nodes=np.zeros((size, WIDTH)),
+        extra=np.zeros(size),
+        parent=np.full(size, NONE, np.int32),
+        left=np.full(size, NONE, np.int32),
+        right=np.full(size, NONE, np.int32),
+        made_weight=np.zeros(size),
+        made_i=np.zeros(size, np.int32),
+        made_j=np.zeros(size, np.int32),
+        above=np.arange(size, dtype=np.int32),
+        awake=np.zeros(capacity, bool),
+        free=np.append(unions, capacity).astype(np.int32),
+    )
+
+
+def _no_events(capacity: int) -> Events:
+    return Events(
+        weight=np.empty(capacity),
+        i=np.empty(capacity, np.int32),
+        j=np.empty(capacity, np.int32),
+        node=np.empty(capacity, np.int32),
+        size=np.zeros(1, np.int64),
+    )
 
 
 @kernel
-def _walk(nodes, above, extra, edges, criterion, tau, floor, noise):
-    """Returns the number of nodes in use. extra: a node's mass (density) or AICc (parsimony)."""
-    left, right = edges[1], edges[2]
-    free = len(above) // 2
-    for e in range(len(left)):
-        a, b = find(above, left[e]), find(above, right[e])
+def _begin(forest, dirty, gone, events):
+    """Take down what a dirty or gone vertex is part of; let the rest sleep."""
+    parent, left, right = forest.parent, forest.left, forest.right
+    made_weight, made_i, made_j = forest.made_weight, forest.made_i, forest.made_j
+    above, awake, free = forest.above, forest.awake, forest.free
+    capacity = len(awake)
+    broken = np.zeros(capacity, np.bool_)
+    count = 0
+    unions = np.empty(capacity, np.int32)
+    for v in range(capacity):
+        awake[v] = dirty[v]
+        if dirty[v] or gone[v]:
+            up = parent[v]
+            parent[v] = NONE
+            while up != NONE and not broken[up - capacity]:
+                broken[up - capacity] = True
+                unions[count] = up
+                count += 1
+                up = parent[up]
+    for k in range(count):
+        union = unions[k]
+        for child in (left[union], right[union]):
+            if child >= capacity:
+                sleeps = not broken[child - capacity]
+            else:
+                sleeps = not (dirty[child] or gone[child])
+            if sleeps:
+                parent[child] = NONE
+                _push(events, child, made_weight[union], made_i[union], made_j[union])
+    for k in range(count):
+        _release(unions[k], parent, left, right, free)
+    for node in range(len(above)):
+        above[node] = node if parent[node] == NONE else parent[node]
+
+
+@kernel
+def _release(union, parent, left, right, free):
+    parent[union] = left[union] = right[union] = NONE
+    free[free[-1]] = union
+    free[-1] += 1
+
+
+@kernel
+def _walk(forest, edges, rule, events):
+    """Test the edges that have an awake end."""
+    weight, edge_i, edge_j = edges
+    nodes, extra, awake, free, above = (
+        forest.nodes,
+        forest.extra,
+        forest.awake,
+        forest.free,
+        forest.above,
+    )
+    made_weight, made_i, made_j = forest.made_weight, forest.made_i, forest.made_j
+    criterion, tau, floor, noise = rule
+    next_weight, next_i, next_j, pending = events.weight, events.i, events.j, events.size
+    for e in range(len(weight)):
+        w, i, j = weight[e], edge_i[e], edge_j[e]
+        while pending[0] > 0 and not _is_before(w, i, j, next_weight[0], next_i[0], next_j[0]):
+            _wake(_pop(events), forest)
+        if not (awake[i] or awake[j]):
+            continue
+        a = _find_at(above, made_weight, made_i, made_j, i, w, i, j)
+        b = _find_at(above, made_weight, made_i, made_j, j, w, i, j)
         if a == b:
             continue
+        union = free[free[-1] - 1]
         if criterion == SHAPE:
             if shape_distance(nodes, a, b, floor, tau) > tau:
                 continue
-            unite(nodes, a, b, free)
+            unite(nodes, a, b, union)
         elif criterion == DENSITY:
-            unite(nodes, a, b, free)
-            if density_distance(nodes, free, extra[a] + extra[b]) > tau:
+            unite(nodes, a, b, union)
+            extra[union] = extra[a] + extra[b]
+            if density_distance(nodes, union, extra[union]) > tau:
                 continue
-            extra[free] = extra[a] + extra[b]
         else:
-            unite(nodes, a, b, free)
-            extra[free] = segment_aicc(nodes, free, noise)
-            if extra[free] - extra[a] - extra[b] > tau:
+            unite(nodes, a, b, union)
+            extra[union] = segment_aicc(nodes, union, noise)
+            if extra[union] - extra[a] - extra[b] > tau:
                 continue
-        above[a] = above[b] = free
-        free += 1
-    return free
+        free[-1] -= 1
+        if not awake[i]:
+            _disturb(a, forest, events)
+        if not awake[j]:
+            _disturb(b, forest, events)
+        _join(a, b, union, forest)
+        made_weight[union], made_i[union], made_j[union] = w, i, j
 
 
 @kernel
-def _label(above, isolated, labels, roots):
+def _join(a, b, union, forest):
+    forest.left[union], forest.right[union] = a, b
+    forest.parent[a] = forest.parent[b] = union
+    forest.above[a] = forest.above[b] = union
+    forest.parent[union], forest.above[union] = NONE, union
+
+
+@kernel
+def _disturb(node, forest, events):
+    """A sleeper's state merges with something awake: it wakes, the rest falls apart.
+
+    The siblings on the way up sleep on, each until the edge that made its parent.
+    """
+    parent, left, right, above = forest.parent, forest.left, forest.right, forest.above
+    _wake(node, forest)
+    below, up = node, parent[node]
+    parent[node] = NONE
+    while up != NONE:
+        sibling = right[up] if left[up] == below else left[up]
+        parent[sibling], above[sibling] = NONE, sibling
+        _push(events, sibling, forest.made_weight[up], forest.made_i[up], forest.made_j[up])
+        below, higher = up, parent[up]
+        _release(up, parent, left, right, forest.free)
+        up = higher
+
+
+@kernel
+def _wake(node, forest):
+    """Mark the vertices below; nothing where the node has been released in the meantime."""
+    left, right, awake = forest.left, forest.right, forest.awake
+    stack = [node]
+    while len(stack) > 0:
+        node = stack.pop()
+        if node < len(awake):
+            awake[node] = True
+        elif left[node] != NONE:
+            stack.append(left[node])
+            stack.append(right[node])
+
+
+@kernel
+def _is_before(w, i, j, other_w, other_i, other_j):
+    """Whether the edge (w, i, j) comes before the other."""
+    if w != other_w:
+        return w < other_w
+    if i != other_i:
+        return i < other_i
+    return j < other_j
+
+
+@kernel
+def _find_at(above, made_weight, made_i, made_j, node, w, i, j):
+    """The highest ancestor made before the edge (w, i, j).
+
+    Halves the path to it, which is allowed as edges only ascend.
+    """
+    while True:
+        up = above[node]
+        if up == node or not _is_before(made_weight[up], made_i[up], made_j[up], w, i, j):
+            return node
+        higher = above[up]
+        if higher != up and _is_before(
+            made_weight[higher], made_i[higher], made_j[higher], w, i, j
+        ):
+            above[node] = higher
+            node = higher
+        else:
+            node = up
+
+
+@kernel
+def _push(events, node, w, i, j):
+    weight, left, right, nodes = events.weight, events.i, events.j, events.node
+    slot = events.size[0]
+    events.size[0] += 1
+    while slot > 0:
+        up = (slot - 1) >> 1
+        if not _is_before(w, i, j, weight[up], left[up], right[up]):
+            break
+        weight[slot], left[slot], right[slot], nodes[slot] = (
+            weight[up],
+            left[up],
+            right[up],
+            nodes[up],
+        )
+        slot = up
+    weight[slot], left[slot], right[slot], nodes[slot] = w, i, j, node
+
+
+@kernel
+def _pop(events):
+    weight, left, right, nodes = events.weight, events.i, events.j, events.node
+    first = nodes[0]
+    events.size[0] -= 1
+    size = events.size[0]
+    w, i, j, node = weight[size], left[size], right[size], nodes[size]
+    slot, child = 0, 1
+    while child < size:
+        other = child + 1
+        if other < size and _is_before(
+            weight[other], left[other], right[other], weight[child], left[child], right[child]
+        ):
+            child = other
+        if not _is_before(weight[child], left[child], right[child], w, i, j):
+            break
+        weight[slot], left[slot], right[slot], nodes[slot] = (
+            weight[child],
+            left[child],
+            right[child],
+            nodes[child],
+        )
+        slot, child = child, 2 * child + 1
+    weight[slot], left[slot], right[slot], nodes[slot] = w, i, j, node
+    return first
+
+
+@kernel
+def _label(above, member, labels, roots):
     """Number the segments by their lowest vertex; returns how many there are."""
     row = np.full(len(above), -1, np.int32)
     count = 0
-    for v in range(len(isolated)):
-        if isolated[v]:
+    for v in range(len(member)):
+        if not member[v]:
             continue
         root = find(above, v)
         if row[root] < 0:
@@ -95,5 +389,6 @@ def _label(above, isolated, labels, roots):
 
 @kernel
 def _aicc_of(nodes, rows, noise, aicc):
+    """Fill aicc[row] for the rows."""
     for k in range(len(rows)):
-        aicc[k] = segment_aicc(nodes, rows[k], noise)
+        aicc[rows[k]] = segment_aicc(nodes, rows[k], noise)

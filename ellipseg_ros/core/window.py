@@ -1,6 +1,6 @@
 """The points of the last seconds: arrivals, expiries, and who takes part."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,127 +13,116 @@ TAKES_PART = 0  # fate of a point that has not been rejected or thinned
 WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: multiples are spread evenly
 
 
-@dataclass(frozen=True)
-class Window:
+class Points(NamedTuple):
     """The points with start_ns < t <= end_ns, in the order of arrival; row i is point i."""
 
-    points: Array  # (n, 3) float64, m, world frame, as they came
+    position: Array  # (n, 3) float64, m, world frame, as they came
     times_ns: Array  # (n,) int64
     arrival: Array  # (n,) int64: serial number since the last reset
     fate: Array  # (n,) int8: TAKES_PART, REJECTED or THINNED
-    fields: Array | None  # (n,) structured
-    frame_id: str
-    start_ns: int
-    end_ns: int
-    arrived: int  # points since the last reset
-    origin: Array | None  # (3,) m: whole kilometres; None until a point has taken part
+
+
+class Push(NamedTuple):
+    """What a sweep changed among the points that take part."""
+
+    arrived: Array  # (m, 3) float64, m, local origin
+    serial: Array  # (m,) int64: their serial numbers
+    expired: Array  # (e,) int64: serial numbers, among those that took part; ascending
+
+
+class Window:
+    """A sliding window in sensor time."""
+
+    def __init__(self, origin: Array | None = None) -> None:
+        self.points = Points(
+            np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int8)
+        )
+        self.fields: Array | None = None  # (n,) structured
+        self.frame_id = ""
+        self.start_ns = 0
+        self.end_ns = 0
+        self.started = False
+        self._origin = origin
+        self._arrived = 0  # points so far
 
     @property
-    def local(self) -> Array:
-        """(m, 3) float64, m: the points that take part, about the origin."""
-        if self.origin is None:
-            return np.zeros((0, 3))
-        local: Array = self.points[self.fate == TAKES_PART] - self.origin
-        return local
+    def origin(self) -> Array:
+        """(3,) m: what local coordinates count from; whole kilometres unless given."""
+        return np.zeros(3) if self._origin is None else self._origin
 
+    def push(self, sweep: Sweep, config: Config) -> Push:
+        """Move on to the newest point of `sweep`, but never back."""
+        times = sweep.times_ns
+        new = Points(
+            sweep.points,
+            times,
+            np.arange(self._arrived, self._arrived + len(times)),
+            self._fate(sweep, self._budget(times, config)),
+        )
+        takes_part = new.fate == TAKES_PART
+        if self._origin is None:
+            self._origin = _origin(sweep.points[takes_part])
+        ends = [int(times.max())] if len(times) else []
+        self.end_ns = max([*ends, self.end_ns] if self.started else ends, default=sweep.stamp_ns)
+        self.start_ns = self.end_ns - round(config.window_duration * SECOND)
 
-def push(
-    window: Window | None, sweep: Sweep, config: Config, origin: Array | None = None
-) -> Window:
-    """The window that ends with the newest point of `sweep`, or where it ended, if that is later.
+        gone = self.points.times_ns <= self.start_ns
+        expired = self.points.arrival[gone & (self.points.fate == TAKES_PART)]
+        late = times <= self.start_ns  # may be, within max_lateness of a shorter window
+        comes = takes_part & ~late
+        arrived, serial = new.position[comes] - self.origin, new.arrival[comes]
+        self._append(new, sweep.fields, ~gone, ~late)
+        self.frame_id, self.started = sweep.frame_id, True
+        return Push(arrived, serial, expired)
 
-    window: the one before, None after a reset. origin: (3,) m, else from the first cloud.
-    """
-    times = sweep.times_ns
-    ends = [int(times.max())] if len(times) else []
-    ends += [window.end_ns] if window is not None else []
-    end = max(ends, default=sweep.stamp_ns)
-    start = end - round(config.window_duration * SECOND)
-    arrived = 0 if window is None else window.arrived
-    fate = _fate(sweep, arrived, _budget(times, window, config))
-    if window is not None and window.origin is not None:
-        origin = window.origin
-    if origin is None:
-        origin = _origin(sweep.points[fate == TAKES_PART])
-    new = Window(
-        sweep.points,
-        times,
-        np.arange(arrived, arrived + len(times)),
-        fate,
-        sweep.fields,
-        sweep.frame_id,
-        start,
-        end,
-        arrived + len(times),
-        origin,
-    )
-    return _cut(new) if window is None else _joined(_cut(window, start), _cut(new))
+    def everything(self) -> Push:
+        """All points that take part, as if they had just arrived."""
+        comes = self.points.fate == TAKES_PART
+        local = self.points.position[comes] - self.origin
+        return Push(local, self.points.arrival[comes], np.zeros(0, np.int64))
 
+    def _append(self, new: Points, fields: Array | None, stays: Array, comes: Array) -> None:
+        self._arrived += len(new.arrival)
+        old_fields = None if self.fields is None else self.fields[stays]
+        new_fields = None if fields is None else fields[comes]
+        lengths = [int(np.count_nonzero(stays)), int(np.count_nonzero(comes))]
+        self.fields = join_fields([old_fields, new_fields], lengths)
+        self.points = Points(
+            *(
+                np.concatenate([old[stays], come[comes]])
+                for old, come in zip(self.points, new, strict=True)
+            )
+        )
 
-def _cut(window: Window, start_ns: int | None = None) -> Window:
-    """Without the points that have expired."""
-    start = window.start_ns if start_ns is None else start_ns
-    stays = window.times_ns > start
-    if stays.all():
-        return window
-    return Window(
-        window.points[stays],
-        window.times_ns[stays],
-        window.arrival[stays],
-        window.fate[stays],
-        None if window.fields is None else window.fields[stays],
-        window.frame_id,
-        start,
-        window.end_ns,
-        window.arrived,
-        window.origin,
-    )
+    def _fate(self, sweep: Sweep, budget: float) -> Array:
+        """Who takes part; `budget` points at most, about, spread evenly by their serial number."""
+        with np.errstate(invalid="ignore"):
+            good = (np.abs(sweep.points) <= LARGEST).all(axis=1)
+        fate = np.where(good, TAKES_PART, REJECTED).astype(np.int8)
+        if len(fate) > budget:
+            serial = np.arange(self._arrived, self._arrived + len(fate), dtype=np.uint64)
+            share = (serial * WEYL) >> np.uint64(32)
+            fate[good & (share >= np.uint64(budget / len(fate) * 2.0**32))] = THINNED
+        return fate
 
+    def _budget(self, times: Array, config: Config) -> float:
+        """Points that max_points_per_second grants this update.
 
-def _joined(old: Window, new: Window) -> Window:
-    return Window(
-        np.concatenate([old.points, new.points]),
-        np.concatenate([old.times_ns, new.times_ns]),
-        np.concatenate([old.arrival, new.arrival]),
-        np.concatenate([old.fate, new.fate]),
-        join_fields([old.fields, new.fields], [len(old.points), len(new.points)]),
-        new.frame_id,
-        new.start_ns,
-        new.end_ns,
-        new.arrived,
-        new.origin,
-    )
+        It counts the time since the last one, but no gap: at most an update period or the sweep's
+        own span, whichever is longer.
+        """
+        if config.max_points_per_second == 0 or not len(times):
+            return np.inf
+        span = float(times.max() - times.min()) / SECOND
+        since = config.update_period
+        if self.started:
+            since = min(since, max(0.0, float(times.max() - self.end_ns) / SECOND))
+        return config.max_points_per_second * max(span, since)
 
 
 def _origin(points: Array) -> Array | None:
     """The median, in whole kilometres, so that subtracting it is exact; zero near zero."""
     if not len(points):
         return None
-    return np.floor(np.median(points, axis=0) / 1000.0 + 0.5) * 1000.0
-
-
-def _fate(sweep: Sweep, arrived: int, budget: float) -> Array:
-    """Who takes part; `budget` points at most, about, spread evenly by their serial number."""
-    with np.errstate(invalid="ignore"):
-        good = (np.abs(sweep.points) <= LARGEST).all(axis=1)
-    fate = np.where(good, TAKES_PART, REJECTED).astype(np.int8)
-    if len(fate) > budget:
-        serial = np.arange(arrived, arrived + len(fate), dtype=np.uint64)
-        share = (serial * WEYL) >> np.uint64(32)
-        fate[good & (share >= np.uint64(budget / len(fate) * 2.0**32))] = THINNED
-    return fate
-
-
-def _budget(times: Array, window: Window | None, config: Config) -> float:
-    """Points that max_points_per_second grants this update.
-
-    It counts the time since the last one, but no gap: at most an update period or the sweep's own
-    span, whichever is longer.
-    """
-    if config.max_points_per_second == 0 or not len(times):
-        return np.inf
-    span = float(times.max() - times.min()) / SECOND
-    since = config.update_period
-    if window is not None:
-        since = max(0.0, float(times.max() - window.end_ns) / SECOND)
-    return config.max_points_per_second * max(span, min(since, config.update_period))
+    kilometres: Array = np.floor(np.median(points, axis=0) / 1000.0 + 0.5)
+    return kilometres * 1000.0

@@ -1,0 +1,42 @@
+"""What the stages leave behind, as the record that users get."""
+
+import numpy as np
+
+from ellipseg_ros.core.ellipsoids import (
+    AXES,
+    COUNT,
+    COVARIANCE,
+    CYLINDRICALITY,
+    EIGENVALUES,
+    MEAN,
+    PLANARITY,
+)
+from ellipseg_ros.data import Array, Ellipsoids
+
+
+def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> Ellipsoids:
+    """Nodes (s, 24) as a record in the world frame.
+
+    own: moments of the points; model: of the unions; aicc (s,); origin (3,) m.
+    """
+    planarity, cylindricality = own[:, PLANARITY].copy(), own[:, CYLINDRICALITY].copy()
+    axes = own[:, AXES : AXES + 9].reshape(-1, 3, 3).transpose(0, 2, 1)
+    return Ellipsoids(
+        count=own[:, COUNT].astype(np.int64),
+        mean=own[:, MEAN : MEAN + 3] + origin,
+        covariance=_matrices(own),
+        eigenvalues=own[:, EIGENVALUES : EIGENVALUES + 3].copy(),
+        axes=np.ascontiguousarray(axes),
+        planarity=planarity,
+        cylindricality=cylindricality,
+        sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
+        aicc=aicc,
+        model_mean=model[:, MEAN : MEAN + 3] + origin,
+        model_covariance=_matrices(model),
+    )
+
+
+def _matrices(nodes: Array) -> Array:
+    """(s, 3, 3) from xx, xy, xz, yy, yz, zz."""
+    six = nodes[:, COVARIANCE : COVARIANCE + 6]
+    return six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
