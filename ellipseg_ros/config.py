@@ -3,6 +3,7 @@
 The YAML file, the ROS parameters and the command line derive from it.
 """
 
+import numbers
 from collections.abc import Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
@@ -45,13 +46,12 @@ class Checked:
                 object.__setattr__(self, item.name, value)
 
 
-def checked(item: Field[Any], value: Any) -> Value:
+def checked(item: Field[Any], value: Any) -> Any:
     """Return `value` as the field's type, or raise ConfigError in one line."""
     limits: Setting = item.metadata["setting"]
-    default: Any = item.default
-    kind: Any = type(default)
-    number: Any = float(value) if kind is float and type(value) is int else value
-    if type(number) is not kind:
+    kind: Any = type(item.default)
+    number = as_kind(kind, value)
+    if number is None:
         raise ConfigError(
             f"{item.name} is {value!r}, of type {type(value).__name__}; it must be {kind.__name__}"
         )
@@ -63,8 +63,15 @@ def checked(item: Field[Any], value: Any) -> Value:
     if low is not None and high is not None and not low <= number <= high:
         span = f"from {low:g} to {high:g} {limits.unit}".rstrip()
         raise ConfigError(f"{item.name} is {value:g}; it must be {span}")
-    result: Value = number
-    return result
+    return number
+
+
+def as_kind(kind: Any, value: Any) -> Any:
+    """`value` as `kind`, if only a numpy type or an integer's width changes; else None."""
+    if isinstance(value, bool) or kind not in (int, float):
+        return value if type(value) is kind else None
+    wider = numbers.Integral if kind is int else numbers.Real
+    return kind(value) if isinstance(value, wider) else None
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,10 @@ class Segmenter:
     but only what changed has been computed.
     """
 
+    _neighbours: Neighbours
+    _edges: Edges
+    _merge: Merge
+
     def __init__(self, config: Config | None = None, origin: Array | None = None) -> None:
         self._config = config or Config()
         self._given_origin = None if origin is None else np.asarray(origin, dtype=np.float64)
@@ -89,9 +93,9 @@ class Segmenter:
         return self._result(self._merge.update(self._edges, change, remerge))
 
     def _begin_graph(self) -> None:
-        self._neighbours: Neighbours = Neighbours(self._config.graph)
-        self._edges: Edges = no_edges()
-        self._merge: Merge = Merge()
+        self._neighbours = Neighbours(self._config.graph)
+        self._edges = no_edges()
+        self._merge = Merge()
 
     def _why_restart(self, sweep: Sweep) -> str:
         if not self._window.started or not len(sweep):
