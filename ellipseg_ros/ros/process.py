@@ -2,14 +2,12 @@
 
 import os
 import signal
-from abc import abstractmethod
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import Any, Protocol
 
 import rclpy
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -21,10 +19,13 @@ from ellipseg_ros.errors import EllipsegError
 End = Callable[[BaseException | None], None]
 
 
-class ClosableNode(Node):  # type: ignore[misc]  # rclpy is untyped in part
-    """A node with threads of its own."""
+class Runnable(Protocol):
+    """What has a node, and threads of its own."""
 
-    @abstractmethod
+    @property
+    def node(self) -> Node:
+        """Its node."""
+
     def close(self) -> bool:
         """Say farewell and end the threads; False if one of them is still busy."""
 
@@ -36,8 +37,8 @@ class Spinner:
     while it waits inside DDS.
     """
 
-    def __init__(self, node: Node, context: Context, end: End) -> None:
-        self._executor = SingleThreadedExecutor(context=context)
+    def __init__(self, node: Node, end: End) -> None:
+        self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._end = end
         self._stopped = False
@@ -47,7 +48,7 @@ class Spinner:
     def stop(self) -> None:
         """Finish the running callback and begin no other."""
         self._stopped = True
-        self._executor.wake()
+        self._executor.create_task(lambda: None)  # `wake` alone doesn't end spin_once
         self._thread.join()
         self._executor.shutdown()
 
@@ -59,10 +60,10 @@ class Spinner:
             self._end(error)
 
 
-def run(make: Callable[[End], ClosableNode], args: list[str] | None = None) -> int:
+def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
     """Keep a node until SIGINT, SIGTERM or its own end; return the exit code.
 
-    make: makes the node, given the call that ends it; its EllipsegError is one line and code 2.
+    make: makes it, given the call that ends it; an EllipsegError is said in one line, code 2.
     A second signal changes nothing.
     """
     ending: SimpleQueue[BaseException | None] = SimpleQueue()  # may be filled by signal handlers
@@ -70,16 +71,16 @@ def run(make: Callable[[End], ClosableNode], args: list[str] | None = None) -> i
     # rclpy's own handlers would end the context before the node can say farewell.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        node = make(ending.put)
+        running = make(ending.put)
     except EllipsegError as error:
         get_logger("ellipseg").fatal(str(error))
         rclpy.shutdown()
         return 2
-    spinner = Spinner(node, node.context, ending.put)
+    spinner = Spinner(running.node, ending.put)
     reason = ending.get()
-    finished = node.close()
+    finished = running.close()
     spinner.stop()
-    node.destroy_node()
+    running.node.destroy_node()
     rclpy.shutdown()
     if reason is not None:
         raise reason

@@ -44,7 +44,7 @@ class Recorder:
         rclpy.init(args=args or [], context=self._context)
         self._node = Node("ellipseg_recorder", context=self._context)
         self._subscribe()
-        self._spinner = Spinner(self._node, self._context, self._fail)
+        self._spinner = Spinner(self._node, self._fail)
 
     def __enter__(self) -> "Recorder":
         return self

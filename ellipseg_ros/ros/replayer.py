@@ -9,6 +9,7 @@ import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
@@ -22,7 +23,7 @@ from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.playback import Playback, ReplayOptions, ReplaySummary
-from ellipseg_ros.ros.process import ClosableNode, End, Spinner, run
+from ellipseg_ros.ros.process import End, Spinner, run
 
 DEPTH = 1000  # clouds kept for a slow subscriber
 PATIENCE = 1.0  # s that the playback gets to end
@@ -36,26 +37,26 @@ class Place(Checked):
     topic: str = setting("", "topic of the bag; empty: the only one with clouds", live=False)
 
 
-class ReplayerNode(ClosableNode):
+class ReplayerNode:
     """The node `ellipseg_replayer`: `points`, /clock, and the service ~/pause (std_srvs/SetBool).
 
     options: the defaults of its parameters.
     """
 
     def __init__(self, options: ReplayOptions, context: Context | None = None) -> None:
-        super().__init__(
+        node = self.node = Node(
             "ellipseg_replayer",
             context=context,
             automatically_declare_parameters_from_overrides=True,
         )
-        options, self.place = Parameters(self, options, Place()).records()
-        self.playback = Playback(options, self._send, self.get_logger().info)
+        options, self.place = Parameters(node, options, Place()).records()
+        self.playback = Playback(options, self._send, node.get_logger().info)
         matched = PublisherEventCallbacks(matched=self._on_match)
-        self._points = self.create_publisher(PointCloud2, "points", DEPTH, event_callbacks=matched)
-        self._clock_topic = self.create_publisher(Clock, "/clock", 10) if options.clock else None
+        self._points = node.create_publisher(PointCloud2, "points", DEPTH, event_callbacks=matched)
+        self._clock_topic = node.create_publisher(Clock, "/clock", 10) if options.clock else None
         if options.ahead:
-            self.create_subscription(SegmentArray, "segments", self._on_segments, DEPTH, raw=True)
-        self.create_service(SetBool, "~/pause", self._on_pause)
+            node.create_subscription(SegmentArray, "segments", self._on_segments, DEPTH, raw=True)
+        node.create_service(SetBool, "~/pause", self._on_pause)
 
     def close(self) -> bool:
         """Send nothing more."""
@@ -91,7 +92,8 @@ class Replayer:
         with Replayer(open_source("drive.mcap"), ReplayOptions(ahead=3.0)) as replayer:
             summary = replayer.run()
 
-    It has a ROS context of its own; args: `--ros-args ...` for it. Raises ConfigError.
+    It has a ROS context of its own. args: `--ros-args ...` for it. domain: its ROS_DOMAIN_ID, if
+    it shall not be that of the environment. Raises ConfigError.
     """
 
     def __init__(
@@ -99,13 +101,14 @@ class Replayer:
         source: Iterable[Sweep],
         options: ReplayOptions | None = None,
         args: list[str] | None = None,
+        domain: int | None = None,
     ) -> None:
         self._source = source
         self._context = Context()
-        rclpy.init(args=args or [], context=self._context)
+        rclpy.init(args=args or [], context=self._context, domain_id=domain)
         self._failed: list[BaseException] = []
         self._node = ReplayerNode(options or ReplayOptions(), self._context)
-        self._spinner = Spinner(self._node, self._context, self._fail)
+        self._spinner = Spinner(self._node.node, self._fail)
 
     def __enter__(self) -> "Replayer":
         return self
@@ -113,7 +116,7 @@ class Replayer:
     def __exit__(self, *_: object) -> None:
         self._node.close()
         self._spinner.stop()
-        self._node.destroy_node()
+        self._node.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def run(self, progress: Callable[[Sweep], None] = lambda _: None) -> ReplaySummary:
@@ -154,7 +157,7 @@ class ReplayerProcess(ReplayerNode):
     def _play(self) -> None:
         try:
             summary = self.playback.play(self._source)
-            self.get_logger().info(f"sent {summary.clouds} clouds, {summary.points} points")
+            self.node.get_logger().info(f"sent {summary.clouds} clouds, {summary.points} points")
         except Exception as error:
             self._end(error)
         else:

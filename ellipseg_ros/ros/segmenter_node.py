@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -20,7 +21,7 @@ from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Update
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
-from ellipseg_ros.ros.process import ClosableNode, End, run
+from ellipseg_ros.ros.process import End, run
 from ellipseg_ros.ros.worker import Around, Worker
 
 SENSOR = re.compile(
@@ -32,26 +33,30 @@ WORLD = re.compile(r"odom|map|world|earth|init|local|global|utm|enu", re.IGNOREC
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
 
 
-class SegmenterNode(ClosableNode):
-    """Carries clouds to the worker, and tells how it is going."""
+class SegmenterNode:
+    """Carries clouds to the worker, and tells how it is going.
+
+    It has a rclpy node and is none, as names of rclpy's own would clash with those here.
+    """
 
     def __init__(self, end: End) -> None:
-        super().__init__(
+        node = self.node = Node(
             "ellipseg_segmenter", automatically_declare_parameters_from_overrides=True
         )
-        self._parameters = Parameters(self, Config(), NodeConfig())
+        self._log = node.get_logger()
+        self._parameters = Parameters(node, Config(), NodeConfig())
         self._config, self._shown = self._parameters.records()
         self._parameters.on_change(self._take_parameters)
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
         self._frames: set[str] = set()  # those that were looked at
-        self._outputs = Outputs(self, lambda: self._backlog.put(ShowAll()))
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.create_service(Trigger, "~/reset", self._reset)
+        self._outputs = Outputs(node, lambda: self._backlog.put(ShowAll()))
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_service(Trigger, "~/reset", self._reset)
         around = Around(
-            self._backlog, self._outputs, self._health, self.get_logger(), self._subscribe, end
+            self._backlog, self._outputs, self._health, self._log, self._subscribe, end
         )
         self._worker = Worker(self._config, around)
         self._worker.start()
@@ -66,13 +71,11 @@ class SegmenterNode(ClosableNode):
     def _subscribe(self) -> None:
         """Called by the worker when all is compiled."""
         lost = SubscriptionEventCallbacks(message_lost=self._on_lost)
-        self.create_subscription(
+        self.node.create_subscription(
             PointCloud2, "points", self._on_cloud, input_qos(self._shown), event_callbacks=lost
         )
         values = {**flatten(self._config), **flatten(self._shown)}
-        self.get_logger().info(
-            "ready; " + ", ".join(f"{name} {value}" for name, value in values.items())
-        )
+        self._log.info("ready; " + ", ".join(f"{name} {value}" for name, value in values.items()))
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrived = time.monotonic()
@@ -83,7 +86,7 @@ class SegmenterNode(ClosableNode):
             self._hand_over(self._grouping.push(sweep), arrived)
         except InputError as error:
             self._health.rejected(error.reason)
-            self.get_logger().warning(f"cloud rejected: {error}", throttle_duration_sec=5.0)
+            self._log.warning(f"cloud rejected: {error}", throttle_duration_sec=5.0)
 
     def _hand_over(self, groups: list[Sweep], arrived: float) -> None:
         for group in groups:
@@ -91,7 +94,7 @@ class SegmenterNode(ClosableNode):
             overload = self._backlog.put(update, self._shown.max_backlog)
             if overload is not None:
                 self._health.overloaded(overload.joined, overload.given_up)
-                self.get_logger().warning(
+                self._log.warning(
                     "too slow for these clouds: updates are taken together; segments stay exact, "
                     "ids may differ from a slower replay (max_points_per_second thins the clouds)",
                     throttle_duration_sec=5.0,
@@ -103,7 +106,7 @@ class SegmenterNode(ClosableNode):
         self._frames.add(frame_id)
         self._health.sensor_frame = frame_id if looks_like_a_sensor(frame_id) else ""
         if self._health.sensor_frame:
-            self.get_logger().warning(
+            self._log.warning(
                 f"THE CLOUDS ARE IN FRAME {frame_id!r}, WHICH LOOKS LIKE A SENSOR'S: registered "
                 "clouds are expected, in a fixed frame such as odom; else a window of a moving "
                 "sensor is smeared"
@@ -111,7 +114,7 @@ class SegmenterNode(ClosableNode):
 
     def _on_lost(self, event: QoSMessageLostInfo) -> None:
         self._health.lost(event.total_count_change)
-        self.get_logger().warning(
+        self._log.warning(
             f"{event.total_count_change} clouds were lost on the way; ask for input_reliability "
             "reliable or a larger input_depth",
             throttle_duration_sec=5.0,
@@ -137,12 +140,12 @@ class SegmenterNode(ClosableNode):
         report = self._health.report(self._backlog.waiting())
         status = DiagnosticStatus(
             level=bytes([report.level]),
-            name=f"{self.get_fully_qualified_name().lstrip('/')}: segmentation",
+            name=f"{self.node.get_fully_qualified_name().lstrip('/')}: segmentation",
             message=report.message,
             values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
         )
         message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = self.node.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
 
