@@ -91,7 +91,7 @@ def test_the_launch_files_and_executables_exist() -> None:
 
 def test_the_paper_page_names_code_that_exists() -> None:
     text = (ROOT / "docs" / "paper.md").read_text()
-    names = set(re.findall(r"`((?:core\.|config\.|colours\.|grouping\.)[\w.]+)`", text))
+    names = set(re.findall(r"`((?:core|config|colours|grouping|segmenter)\.[\w.]+)`", text))
     assert len(names) >= 12
     for name in names:
         module, _, attribute = name.rpartition(".")
