@@ -50,7 +50,7 @@ class SegmenterNode:
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
-        self._frames: set[str] = set()  # those that were looked at
+        self._warned: set[str] = set()  # frames that were warned of
         self._outputs = Outputs(node, lambda: self._backlog.put(ShowAll()))
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -101,11 +101,10 @@ class SegmenterNode:
                 )
 
     def _look_at_frame(self, frame_id: str) -> None:
-        if frame_id in self._frames:
-            return
-        self._frames.add(frame_id)
-        self._health.sensor_frame = frame_id if looks_like_a_sensor(frame_id) else ""
-        if self._health.sensor_frame:
+        sensor = looks_like_a_sensor(frame_id)
+        self._health.sensor_frame = frame_id if sensor else ""
+        if sensor and frame_id not in self._warned:
+            self._warned.add(frame_id)
             self._log.warning(
                 f"THE CLOUDS ARE IN FRAME {frame_id!r}, WHICH LOOKS LIKE A SENSOR'S: registered "
                 "clouds are expected, in a fixed frame such as odom; else a window of a moving "
