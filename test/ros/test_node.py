@@ -1,0 +1,422 @@
+"""The node in a process of its own, over DDS: what it publishes and how it takes what comes."""
+
+import itertools
+import signal
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from harness import SECOND, peer, running, wall
+from rcl_interfaces.msg import ParameterType
+from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ellipseg_ros.config import Config, NodeConfig, walk
+from ellipseg_ros.grouping import updates
+from ellipseg_ros.io.messages import write_segments
+from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
+from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
+from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.simulator import simulate
+
+NODE = "/ellipseg_segmenter"
+STOP_WITHIN = 10.0  # s; it takes less than one on an idle machine
+
+
+def nanoseconds(time):
+    return time.sec * SECOND + time.nanosec
+
+
+def actions(array):
+    return [marker.action for marker in array.markers]
+
+
+@pytest.fixture(scope="module")
+def domain(session_ros_domain):
+    return session_ros_domain
+
+
+# --- a replay, and the same clouds offline ---------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A drive, the same again (its stamps jump back), and once more in another frame."""
+    sweeps = list(simulate("industrial", duration=4.0))
+    return [*sweeps, *sweeps, *(replace(sweep, frame_id="map") for sweep in sweeps)]
+
+
+@pytest.fixture(scope="module")
+def replayed(domain, drive, tmp_path_factory):
+    """What a node in a namespace publishes of the drive, on topics with other names."""
+    names = ["-r", "__ns:=/car_1", "-r", "points:=cloud_registered"]
+    settings = {
+        "max_backlog": 0,
+        "input_reliability": "reliable",
+        "input_depth": 1000,
+        "update_period": 0.5,
+        "window_duration": 3,  # an integer for a double
+    }
+    given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
+    log = tmp_path_factory.mktemp("replayed") / "log"
+    with running("segmenter_node", [*names, *given], log) as process, peer(domain) as me:
+        segments = me.listen(SegmentArray, "/car_1/segments", raw=True)
+        clouds = me.listen(PointCloud2, "/car_1/segmented_points", raw=True)
+        markers = me.listen(MarkerArray, "/car_1/ellipsoids")
+        me.speak(PointCloud2, "/car_1/cloud_registered")  # waits until the node is ready
+        options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, patience=60.0)
+        with Replayer(drive, options, ["--ros-args", *names], domain) as replayer:
+            summary = replayer.run()
+        for inbox in (segments, clouds, markers):
+            inbox.wait_for(summary.updates)
+        process.signal(signal.SIGINT)
+        code = process.wait(STOP_WITHIN)
+        markers.wait(lambda m: actions(m) == [Marker.DELETEALL])
+        return SimpleNamespace(
+            summary=summary,
+            segments=segments.messages,
+            clouds=clouds.messages,
+            markers=markers.messages,
+            code=code,
+            said=process.said,
+        )
+
+
+@pytest.fixture(scope="module")
+def offline(drive):
+    """The segmentation of every update, without a node; the last one is not closed by a stamp."""
+    config = Config(update_period=0.5, window_duration=3.0)
+    segmenter = Segmenter(config)
+    return [segmenter.process(group) for group in updates(drive, config)][:-1]
+
+
+def test_the_node_makes_the_same_updates_as_offline(replayed, offline):
+    assert len(replayed.segments) == len(offline) == replayed.summary.updates
+    assert len(replayed.clouds) == len(offline)
+    assert replayed.summary.missed == 0
+
+
+def test_segments_are_those_of_offline_bit_for_bit(replayed, offline):
+    assert replayed.segments == [write_segments(found) for found in offline]
+    messages = [deserialize_message(data, SegmentArray) for data in replayed.segments]
+    for message, found in zip(messages, offline, strict=True):
+        assert [segment.id for segment in message.segments] == sorted(found.ids)
+        assert message.segmented == found.counts.segmented > 0
+
+
+def test_clouds_are_those_of_offline_bit_for_bit(replayed, offline):
+    assert replayed.clouds == [write_labelled(found) for found in offline]
+    for data, found in zip(replayed.clouds, offline, strict=True):
+        points = read_fields(deserialize_message(data, PointCloud2))
+        assert np.array_equal(points["label"], found.point_ids)
+        for name in found.fields.dtype.names:
+            assert np.array_equal(points[name], found.fields[name])
+
+
+def test_ids_go_on_over_restarts_and_the_old_ones_are_removed(replayed, offline):
+    messages = [deserialize_message(data, SegmentArray) for data in replayed.segments]
+    restarts = [k for k, found in enumerate(offline) if found.restart]
+    assert len(restarts) == 2
+    for k in restarts:
+        before, after = messages[k - 1 : k + 1]
+        assert {segment.id for segment in before.segments} == set(after.removed)
+        assert min(s.id for s in after.segments) > max(s.id for s in before.segments)
+
+
+def test_markers_are_all_deleted_at_a_restart_and_at_the_end(replayed, offline):
+    restarts = [found.end_ns for found in offline if found.restart]
+    cleared = [m.markers[0].header for m in replayed.markers if Marker.DELETEALL in actions(m)]
+    assert set(restarts) <= {nanoseconds(header.stamp) for header in cleared}
+    assert actions(replayed.markers[-1]) == [Marker.DELETEALL]
+
+
+def test_restarts_are_said_once_each_with_the_reason(replayed):
+    assert replayed.said.count("begins anew") == 2
+    assert "the stamps jumped back by 3.900 s" in replayed.said
+    assert "the frame changed from 'odom' to 'map'" in replayed.said
+
+
+def test_an_interrupt_ends_the_node_in_peace(replayed):
+    assert replayed.code == 0
+    assert "Traceback" not in replayed.said
+
+
+# --- a node with its defaults ----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def node(domain, tmp_path_factory):
+    """A node with its defaults, and a peer that hears it all."""
+    log = tmp_path_factory.mktemp("node") / "log"
+    with running("segmenter_node", [], log) as process, peer(domain) as me:
+        yield SimpleNamespace(
+            process=process,
+            me=me,
+            segments=me.listen(SegmentArray, "/segments"),
+            clouds=me.listen(PointCloud2, "/segmented_points"),
+            markers=me.listen(MarkerArray, "/ellipsoids"),
+            diagnostics=me.listen(DiagnosticArray, "/diagnostics"),
+            points=me.speak(PointCloud2, "/points"),
+        )
+
+
+_starts = itertools.count(1000, 1000)
+
+
+@pytest.fixture
+def start(node):
+    """A stamp, s, for the first cloud of a test; the node's window is empty."""
+    assert node.me.call(Trigger, f"{NODE}/reset").success
+    return float(next(_starts))
+
+
+def send(node, *stamps, **options):
+    for stamp in stamps:
+        node.points.send(wall(stamp, **options))
+
+
+def update(node, stamp):
+    """The segments of the update that the cloud of this stamp has closed."""
+    wanted = round(stamp * SECOND)
+    return node.segments.wait(lambda message: nanoseconds(message.header.stamp) == wanted)
+
+
+def details(node, wanted):
+    """The details of the first new diagnostics for which wanted(level, details) is true."""
+    heard = []
+
+    def fits(message):
+        status = message.status[0]
+        heard[:] = [{pair.key: pair.value for pair in status.values}]
+        return wanted(status.level, heard[0])
+
+    node.diagnostics.wait(fits, start=len(node.diagnostics.messages))
+    return heard[0]
+
+
+def test_a_wall_comes_back_on_every_topic(node, start):
+    send(node, start, start + 1.0)
+    found = update(node, start + 1.0)
+    assert found.segmented + found.isolated == 800
+    assert sum(segment.count for segment in found.segments) == found.segmented
+    assert found.header.frame_id == "odom" and found.full
+    stamp = found.header.stamp
+    cloud = node.clouds.wait(lambda message: message.header.stamp == stamp)
+    labels = read_fields(cloud)["label"]
+    counts = {segment.id: segment.count for segment in found.segments}
+    assert {label: np.sum(labels == label) for label in set(labels) - {0}} == counts
+    array = node.markers.wait(lambda m: m.markers and m.markers[-1].header.stamp == stamp)
+    drawn = {marker.id for marker in array.markers if marker.action == Marker.ADD}
+    assert drawn == {number for number, count in counts.items() if count >= 12}
+    assert {marker.ns for marker in array.markers if marker.action == Marker.ADD} == {"ellipsoids"}
+
+
+def test_a_best_effort_publisher_is_heard(node, start):
+    points = node.me.speak(PointCloud2, "/points", ReliabilityPolicy.BEST_EFFORT)
+    points.send(wall(start))
+    points.send(wall(start + 1.0))
+    assert update(node, start + 1.0).segmented > 0
+
+
+def test_points_that_are_no_numbers_are_counted(node, start):
+    broken = wall(start + 1.0)
+    broken.points[:7] = np.nan
+    node.points.send(wall(start))
+    node.points.send(broken)
+    found = update(node, start + 1.0)
+    assert found.rejected == 7
+    assert found.segmented + found.isolated == 793
+
+
+def test_every_setting_is_a_parameter_that_explains_itself(node):
+    settings = [*walk(Config()), *walk(NodeConfig())]
+    names = [name for name, _, _ in settings]
+    described = node.me.describe(NODE, *names)
+    for (name, value, about), found in zip(settings, described, strict=True):
+        assert about.about in found.description and about.unit in found.description
+        assert found.read_only == (not about.live), name
+        kinds = {str: "STRING", float: "DOUBLE", int: "INTEGER"}
+        assert found.type == getattr(ParameterType, f"PARAMETER_{kinds[type(value)]}")
+        ranges = [*found.floating_point_range, *found.integer_range]
+        assert [(r.from_value, r.to_value) for r in ranges] == (
+            [] if about.low is None else [(about.low, about.high)]
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("threshold", -0.5, "threshold is -0.5; it must be 0 or more, or -1 for the default"),
+        ("graph__neighbours", 2, "Min: 3, Max: 64"),
+        ("graph__neighbours", 10.5, "expected 'Type.INTEGER' got 'Type.DOUBLE'"),
+        ("criterion", "shapes", "it must be one of shape, density, parsimony"),
+        ("window_duration", "long", "expected 'Type.DOUBLE' got 'Type.STRING'"),
+        ("input_depth", 5, "read-only parameter: input_depth"),
+    ],
+)
+def test_a_bad_value_is_refused_with_a_reason(node, name, value, reason):
+    (before,) = node.me.get(NODE, name.replace("__", "."))
+    (answer,) = node.me.set(NODE, **{name: value})
+    assert not answer.successful
+    assert reason in answer.reason and "\n" not in answer.reason
+    assert node.me.get(NODE, name.replace("__", ".")) == [before]
+
+
+def test_a_parameter_takes_effect_at_the_next_update(node, start):
+    send(node, start, start + 1.0)
+    assert update(node, start + 1.0).threshold == Config().tau
+    (answer,) = node.me.set(NODE, threshold=6)  # an integer for a double
+    assert answer.successful, answer.reason
+    assert node.me.get(NODE, "threshold")[0].double_value == 6.0
+    send(node, start + 2.0)
+    assert update(node, start + 2.0).threshold == 6.0
+    for answer in node.me.set(NODE, threshold=-1, criterion="density"):
+        assert answer.successful, answer.reason
+    send(node, start + 3.0)
+    found = update(node, start + 3.0)
+    assert (found.criterion, found.threshold) == ("density", Config(criterion="density").tau)
+    assert node.me.set(NODE, criterion="shape")[0].successful
+
+
+def test_a_change_of_the_markers_shows_at_the_next_update(node, start):
+    send(node, start, start + 1.0)
+    seen = {segment.id for segment in update(node, start + 1.0).segments if segment.count >= 12}
+    assert node.me.set(NODE, marker_min_count=1_000_000)[0].successful
+    send(node, start + 2.0)
+    stamp = update(node, start + 2.0).header.stamp
+    array = node.markers.wait(lambda m: m.markers and m.markers[-1].header.stamp == stamp)
+    assert set(actions(array)) == {Marker.DELETE}
+    assert {marker.id for marker in array.markers} == seen
+    assert node.me.set(NODE, marker_min_count=NodeConfig().marker_min_count)[0].successful
+
+
+def test_reset_empties_the_window_and_ids_go_on(node, start):
+    send(node, start, start + 1.0)
+    before = update(node, start + 1.0)
+    heard = len(node.markers.messages)
+    assert "ids go on" in node.me.call(Trigger, f"{NODE}/reset").message
+    node.markers.wait(lambda m: actions(m) == [Marker.DELETEALL], start=heard)
+    send(node, start + 2.0, start + 3.0)
+    after = update(node, start + 3.0)
+    assert after.segmented + after.isolated == 800
+    assert set(after.removed) == {segment.id for segment in before.segments}
+    assert min(s.id for s in after.segments) > max(s.id for s in before.segments)
+
+
+def test_a_jump_back_starts_anew_and_takes_the_markers_away(node, start):
+    send(node, start, start + 1.0)
+    update(node, start + 1.0)
+    heard = len(node.markers.messages)
+    send(node, start - 500.0, start - 499.0)
+    after = update(node, start - 499.0)
+    assert after.segmented + after.isolated == 800
+    node.markers.wait(lambda m: Marker.DELETEALL in actions(m), start=heard)
+    assert "the stamps jumped back by 501.000 s" in node.process.said
+    assert int(details(node, lambda *_: True)["restarts"]) > 0
+
+
+def no_y(stamp):
+    message = deserialize_message(write_sweep(wall(stamp)), PointCloud2)
+    message.fields = [field for field in message.fields if field.name != "y"]
+    return message
+
+
+def too_short(stamp):
+    message = deserialize_message(write_sweep(wall(stamp)), PointCloud2)
+    message.data = message.data[:-1]
+    return message
+
+
+def integers(stamp):
+    message = deserialize_message(write_sweep(wall(stamp)), PointCloud2)
+    message.fields[0].datatype = PointField.INT32
+    return message
+
+
+def test_bad_clouds_are_counted_by_reason_and_the_node_lives_on(node, start):
+    for bad in (no_y, too_short, integers, too_short):
+        node.points.send(bad(start))
+    send(node, start, start + 1.0)
+    assert update(node, start + 1.0).segmented > 0
+    found = details(node, lambda _, values: values.get("clouds rejected") == "4")
+    assert found["clouds rejected: no_xyz"] == "1"
+    assert found["clouds rejected: short_data"] == "2"
+    assert found["clouds rejected: xyz_type"] == "1"
+    assert "cloud rejected: the cloud has no field y" in node.process.said
+    assert node.process.alive()
+
+
+def test_nothing_but_bad_clouds_is_an_error(node, start):
+    node.points.send(no_y(start))
+    details(node, lambda level, _: level == DiagnosticStatus.ERROR)
+
+
+def test_diagnostics_tell_how_it_goes(node, start):
+    send(node, start, start + 1.0)
+    found = update(node, start + 1.0)
+    told = details(node, lambda _, values: values["AICc"] == f"{found.aicc:.1f}")
+    assert told["points segmented"] == str(found.segmented)
+    assert told["points isolated"] == str(found.isolated)
+    assert told["segments"] == str(len(found.segments))
+    assert (told["criterion"], told["threshold"]) == ("shape", "4")
+    assert told["updates waiting"] == "0"
+    for name in ("latency", "processing"):
+        assert 0.0 < float(told[f"{name} median [s]"]) <= float(told[f"{name} p99 [s]"])
+    assert float(told["latency median [s]"]) > float(told["processing median [s]"])
+
+
+def test_a_frame_of_a_sensor_is_processed_with_one_warning(node, start):
+    stamps = [start, start + 1.0, start + 2.0]
+    send(node, *stamps, frame_id="velodyne")
+    assert update(node, start + 2.0).segmented > 0
+    assert node.process.said.count("LOOKS LIKE A SENSOR'S") == 1
+    details(node, lambda level, _: level == DiagnosticStatus.WARN)
+    send(node, start + 3.0, start + 4.0)  # odom again
+    assert update(node, start + 4.0).segmented > 0
+    details(node, lambda level, _: level == DiagnosticStatus.OK)
+
+
+def test_who_comes_late_gets_every_marker(node, start, domain):
+    send(node, start, start + 1.0)
+    wanted = {s.id for s in update(node, start + 1.0).segments if s.count >= 12}
+    with peer(domain) as late:
+        array = late.listen(MarkerArray, "/ellipsoids").wait(lambda m: m.markers)
+    assert {marker.id for marker in array.markers if marker.action == Marker.ADD} == wanted
+
+
+def test_termination_takes_the_markers_away_and_is_in_peace(node, start):
+    send(node, start, start + 1.0)
+    update(node, start + 1.0)
+    heard = len(node.markers.messages)
+    node.process.signal(signal.SIGTERM)
+    assert node.process.wait(STOP_WITHIN) == 0
+    node.markers.wait(lambda m: actions(m) == [Marker.DELETEALL], start=heard)
+    assert "Traceback" not in node.process.said
+
+
+# --- starting and stopping -------------------------------------------------------------------
+
+
+def test_a_bad_value_at_the_start_is_one_line_and_exit_code_2(domain, tmp_path):
+    with running("segmenter_node", ["-p", "graph.neighbours:=2"], tmp_path / "log") as process:
+        assert process.wait() == 2
+        (line,) = process.said.splitlines()
+    assert "neighbours is 2; it must be from 3 to 64" in line
+
+
+def test_a_misspelt_parameter_is_said_and_an_early_end_is_in_peace(domain, tmp_path):
+    arguments = ["-p", "treshold:=3.0", "-p", "use_sim_time:=true"]
+    with running("segmenter_node", arguments, tmp_path / "log") as process, peer(domain) as me:
+        me.listen(DiagnosticArray, "/diagnostics")  # compiling may have only begun
+        process.signal(signal.SIGINT)
+        process.signal(signal.SIGINT)
+        assert process.wait(STOP_WITHIN) == 0
+        assert "there is no parameter treshold; there are criterion, threshold" in process.said
+        assert "use_sim_time" not in process.said
+        assert "Traceback" not in process.said
