@@ -1,0 +1,252 @@
+"""Where a beam ends: ray casting against shapes and rolling ground.
+
+Compiled here and not taken from a library: the common ray casters know triangles and solids, and
+have no bodies that a beam can pass through, as foliage and wire mesh are.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.data import Array
+from ellipseg_ros.simulation.shapes import BOX, CONE, Shapes
+
+GROUND = -2  # in Returns.body
+NOTHING = -1
+FAR = 1e9  # m: missed
+GOLDEN = 0.618033988749895  # one lucky number gives another for every body, evenly spread
+CELL, PANE, RECESS = 2.8, (0.62, 0.75), 0.22  # m: window spacing, half width and height, depth
+GLASS = 0.25  # of a wall's reflectivity
+LEAF = 0.7  # cosine of incidence on leaves, which look everywhere
+
+
+class Terrain(NamedTuple):
+    """Rolling ground: z = sum over k of height_k sin(wave_k (x, y) + phase_k)."""
+
+    height: Array  # (k,) m
+    wave: Array  # (k, 2) rad/m
+    phase: Array  # (k,) rad
+    slope: float  # never steeper
+
+
+class Lines(NamedTuple):
+    """Scan lines; beam at angle a looks along cos(a) forward + sin(a) side."""
+
+    origin: Array  # (l, 3) m
+    forward: Array  # (l, 3)
+    side: Array  # (l, 3)
+
+
+class Returns(NamedTuple):
+    """Where the beams ended; row of a line, column of a beam."""
+
+    distance: Array  # (l, b) float64 m; FAR if nowhere
+    body: Array  # (l, b) int64: row of the shapes, GROUND or NOTHING
+    cosine: Array  # (l, b) float64: of the angle of incidence
+
+
+def cast(lines: Lines, angles: Array, luck: Array, shapes: Shapes, terrain: Terrain) -> Returns:
+    """Follow every beam to its end.
+
+    angles: (b,) rad. luck: (l, b) in 0...1, which decides how deep a beam enters porous bodies.
+    """
+    size = (len(lines.origin), len(angles))
+    found = Returns(np.full(size, FAR), np.full(size, NOTHING, np.int64), np.zeros(size))
+    _cast(lines, angles, luck, shapes, terrain, found)
+    return found
+
+
+@kernel
+def elevation(terrain, x, y):
+    """Height of the ground at x, y."""
+    z = 0.0
+    for k in range(len(terrain.height)):
+        z += terrain.height[k] * np.sin(
+            terrain.wave[k, 0] * x + terrain.wave[k, 1] * y + terrain.phase[k]
+        )
+    return z
+
+
+@kernel
+def _cast(lines, angles, luck, shapes, terrain, found):
+    near = np.empty(len(shapes.form), np.int64)
+    for line in range(len(lines.origin)):
+        o, f, s = lines.origin[line], lines.forward[line], lines.side[line]
+        count = _touched(o, f, s, shapes, near)
+        for b in range(len(angles)):
+            d = np.cos(angles[b]) * f + np.sin(angles[b]) * s
+            _follow(o, d, luck[line, b], shapes, near[:count], (line, b), found)
+            limit = min(found.distance[line, b], 200.0)
+            t = _ground(o, d, terrain, limit)
+            if t < limit:
+                found.distance[line, b] = t
+                found.body[line, b] = GROUND
+                found.cosine[line, b] = _ground_cosine(o + t * d, d, terrain)
+
+
+@kernel
+def _touched(o, f, s, shapes, near):
+    """List the bodies that the half plane of a scan line can touch; return how many."""
+    nx, ny, nz = f[1] * s[2] - f[2] * s[1], f[2] * s[0] - f[0] * s[2], f[0] * s[1] - f[1] * s[0]
+    count = 0
+    for i in range(len(shapes.form)):
+        x, y, z = (
+            shapes.centre[i, 0] - o[0],
+            shapes.centre[i, 1] - o[1],
+            shapes.centre[i, 2] - o[2],
+        )
+        reach = shapes.reach[i]
+        if abs(nx * x + ny * y + nz * z) <= reach and f[0] * x + f[1] * y + f[2] * z >= -reach:
+            near[count] = i
+            count += 1
+    return count
+
+
+@kernel
+def _follow(o, d, luck, shapes, near, at, found):
+    """Find the nearest return of one beam from the bodies `near`."""
+    for i in near:
+        c = shapes.centre[i]
+        x, y, z = o[0] - c[0], o[1] - c[1], o[2] - c[2]
+        ahead = -(x * d[0] + y * d[1] + z * d[2])
+        reach = shapes.reach[i]
+        if ahead < -reach or ahead - reach > found.distance[at]:
+            continue
+        if x * x + y * y + z * z - ahead * ahead > reach * reach:
+            continue
+        enter, leave, cosine = _pierce(o, d, i, shapes)
+        if leave <= 0.0 or enter >= leave:
+            continue
+        enter = max(enter, 0.0)
+        if shapes.density[i] > 0.0:
+            chance = (luck + i * GOLDEN) % 1.0
+            enter -= np.log(1.0 - chance) / shapes.density[i]
+            cosine = LEAF
+        if enter < leave and enter < found.distance[at]:
+            found.distance[at] = enter
+            found.body[at] = i
+            found.cosine[at] = cosine
+
+
+@kernel
+def _pierce(o, d, i, shapes):
+    """Enter and leave body i: distances along the beam, and the cosine of incidence."""
+    a, c, size = shapes.axes[i], shapes.centre[i], shapes.size[i]
+    x, y, z = o[0] - c[0], o[1] - c[1], o[2] - c[2]
+    p = (
+        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
+        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
+        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
+    )
+    v = (
+        a[0, 0] * d[0] + a[1, 0] * d[1] + a[2, 0] * d[2],
+        a[0, 1] * d[0] + a[1, 1] * d[1] + a[2, 1] * d[2],
+        a[0, 2] * d[0] + a[1, 2] * d[1] + a[2, 2] * d[2],
+    )
+    if shapes.form[i] == BOX:
+        return _pierce_box(p, v, size, shapes.windows[i])
+    if shapes.form[i] == CONE:
+        return _pierce_cone(p, v, size)
+    return _pierce_ellipsoid(p, v, size)
+
+
+@kernel
+def _pierce_box(p, v, size, windows):
+    enter, leave, face = -FAR, FAR, 0
+    for k in range(3):
+        if abs(v[k]) < 1e-12:
+            if abs(p[k]) > size[k]:
+                return FAR, -FAR, 0.0
+            continue
+        middle, half = -p[k] / v[k], size[k] / abs(v[k])
+        if middle - half > enter:
+            enter, face = middle - half, k
+        leave = min(leave, middle + half)
+    cosine = abs(v[face])
+    if windows and face < 2 and 0.0 < enter < leave:
+        deeper = enter + RECESS / cosine
+        u = p[1 - face] + deeper * v[1 - face]
+        up = p[2] + deeper * v[2] + size[2]
+        if _in_window(u + size[1 - face], 2.0 * size[1 - face], up, 2.0 * size[2]):
+            return deeper, leave, GLASS * cosine
+    return enter, leave, cosine
+
+
+@kernel
+def _in_window(u, width, up, height):
+    """Say whether a place on a wall is a pane; u from its left end, up from its foot."""
+    columns, rows = int(width / CELL), int(height / CELL)
+    if columns == 0 or rows == 0:
+        return False
+    cell, storey = width / columns, height / rows
+    return abs(u % cell - 0.5 * cell) < PANE[0] and abs(up % storey - 0.55 * storey) < PANE[1]
+
+
+@kernel
+def _pierce_ellipsoid(p, v, size):
+    px, py, pz = p[0] / size[0], p[1] / size[1], p[2] / size[2]
+    vx, vy, vz = v[0] / size[0], v[1] / size[1], v[2] / size[2]
+    a, b = vx * vx + vy * vy + vz * vz, px * vx + py * vy + pz * vz
+    under = b * b - a * (px * px + py * py + pz * pz - 1.0)
+    if under <= 0.0:
+        return FAR, -FAR, 0.0
+    root = np.sqrt(under)
+    enter = (-b - root) / a
+    nx, ny, nz = (
+        (px + enter * vx) / size[0],
+        (py + enter * vy) / size[1],
+        (pz + enter * vz) / size[2],
+    )
+    norm = np.sqrt(nx * nx + ny * ny + nz * nz)
+    return enter, (root - b) / a, abs(nx * v[0] + ny * v[1] + nz * v[2]) / norm
+
+
+@kernel
+def _pierce_cone(p, v, size):
+    """Rod along z: radius r(z) = middle + taper z between its flat ends."""
+    half = size[2]
+    middle, taper = 0.5 * (size[0] + size[1]), 0.5 * (size[1] - size[0]) / half
+    r, dr = middle + taper * p[2], taper * v[2]
+    a = v[0] * v[0] + v[1] * v[1] - dr * dr
+    b = p[0] * v[0] + p[1] * v[1] - r * dr
+    under = b * b - a * (p[0] * p[0] + p[1] * p[1] - r * r)
+    if under <= 0.0 or a < 1e-9:  # a beam along the rod: its ends are small
+        return FAR, -FAR, 0.0
+    root = np.sqrt(under)
+    enter, leave = (-b - root) / a, (root - b) / a
+    cosine = root / np.sqrt(a) / max(1e-9, abs(r + enter * dr))
+    if abs(v[2]) > 1e-12:
+        middle, span = -p[2] / v[2], half / abs(v[2])
+        if middle - span > enter:
+            enter, cosine = middle - span, abs(v[2])
+        leave = min(leave, middle + span)
+    elif abs(p[2]) > half:
+        return FAR, -FAR, 0.0
+    return enter, leave, min(1.0, cosine)
+
+
+@kernel
+def _ground(o, d, terrain, limit):
+    """Go down a beam in steps that cannot pass the ground; return the distance, or FAR."""
+    closing = terrain.slope * np.sqrt(d[0] * d[0] + d[1] * d[1]) - d[2]
+    if closing <= 0.0:
+        return FAR
+    t = 0.0
+    while t < limit:
+        clearance = o[2] + t * d[2] - elevation(terrain, o[0] + t * d[0], o[1] + t * d[1])
+        if clearance < 0.002:
+            return t
+        t += clearance / closing
+    return FAR
+
+
+@kernel
+def _ground_cosine(at, d, terrain):
+    east = (
+        elevation(terrain, at[0] + 0.05, at[1]) - elevation(terrain, at[0] - 0.05, at[1])
+    ) / 0.1
+    north = (
+        elevation(terrain, at[0], at[1] + 0.05) - elevation(terrain, at[0], at[1] - 0.05)
+    ) / 0.1
+    return abs(d[2] - east * d[0] - north * d[1]) / np.sqrt(1.0 + east * east + north * north)

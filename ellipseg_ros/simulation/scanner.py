@@ -1,0 +1,125 @@
+"""The path of the vehicle, the spinning scanner on it, and the error of its registration.
+
+The scanner is that of Pauling, Bosse & Zlot (ACRA 2009): a SICK LMS, 181 beams over 180 degrees,
+75 lines a second, its plane turning at 0.5 Hz about its forward axis.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ellipseg_ros.data import Array
+from ellipseg_ros.simulation import rays
+from ellipseg_ros.simulation.rays import Lines, Terrain
+from ellipseg_ros.simulation.shapes import Frame, turned
+
+ANGLES = np.radians(np.arange(-90.0, 91.0))  # of the beams, from the forward axis
+LINES_PER_SECOND = 75
+SPIN = np.pi  # rad/s: 0.5 Hz
+HEIGHT = 1.9  # m above the ground
+NEAREST, FARTHEST = 0.6, 40.0  # m
+STRENGTH = 3.0e3  # m^2: a return of signal 1 / STRENGTH m^-2 comes in 63 % of cases
+STEP = 0.25  # m between the nodes of a path
+
+
+@dataclass(frozen=True)
+class Path:
+    """A winding lane on rolling ground, along which the scene is laid out.
+
+    s is the distance along it, 0 where the drive begins; d the distance to its left.
+    """
+
+    terrain: Terrain
+    start: float  # m: least s
+    xy: Array  # (n, 2) m, every STEP
+    heading: Array  # (n,) rad
+
+    def at(self, s: float, d: float = 0.0, yaw: float = 0.0) -> Frame:
+        """Upright frame on the ground at (s, d), x along the lane, turned by `yaw` radians."""
+        x, y, heading = self.place(s)
+        x, y = x - d * np.sin(heading), y + d * np.cos(heading)
+        z = rays.elevation(self.terrain, x, y)
+        return Frame(np.array([x, y, z]), turned(heading + yaw))
+
+    def place(self, s: float) -> tuple[float, float, float]:
+        """x, y, heading of the lane at s."""
+        nodes = self.start + STEP * np.arange(len(self.xy))
+        columns = (self.xy[:, 0], self.xy[:, 1], self.heading)
+        x, y, heading = (float(np.interp(s, nodes, column)) for column in columns)
+        return x, y, heading
+
+
+def make_path(terrain: Terrain, start: float, end: float, swing: float) -> Path:
+    """Make a path whose heading swings by `swing` radians either way, every 150 m."""
+    s = np.arange(start, end + STEP, STEP)
+    heading = swing * np.sin(2.0 * np.pi * s / 150.0)
+    steps = STEP * np.column_stack([np.cos(heading), np.sin(heading)])
+    xy = np.cumsum(steps, axis=0) - steps
+    return Path(terrain, start, xy - xy[np.searchsorted(s, 0.0)], heading)
+
+
+def scan_lines(path: Path, times: Array, speed: float) -> Lines:
+    """Give the true scan lines at `times` (l,) s; the vehicle tilts with the ground, and sways."""
+    frames = [_vehicle(path, speed * time, time) for time in times]
+    origin = np.array([frame.point((0.0, 0.0, HEIGHT)) for frame in frames]).reshape(-1, 3)
+    axes = np.array([frame.axes for frame in frames]).reshape(-1, 3, 3)
+    spin = SPIN * times[:, None]
+    side = np.cos(spin) * axes[:, :, 1] + np.sin(spin) * axes[:, :, 2]
+    return Lines(origin, np.ascontiguousarray(axes[:, :, 0]), side)
+
+
+def directions(lines: Lines, line: Array, beam: Array) -> Array:
+    """Unit vectors (n, 3) of beam `beam` (n,) of scan line `line` (n,)."""
+    angle = ANGLES[beam][:, None]
+    return np.asarray(np.cos(angle) * lines.forward[line] + np.sin(angle) * lines.side[line])
+
+
+def _vehicle(path: Path, s: float, time: float) -> Frame:
+    """Where the vehicle is, x ahead, y to the left: it stands on its wheels, and sways a bit."""
+    frame = path.at(s)
+    ahead, behind = path.at(s + 1.3).origin, path.at(s - 1.3).origin
+    left, right = path.at(s, 0.8).origin, path.at(s, -0.8).origin
+    x = ahead - behind
+    x[2] += 2.6 * np.radians(0.4) * np.sin(2.0 * np.pi * 0.9 * time)
+    y = left - right
+    y[2] += 1.6 * np.radians(0.6) * np.sin(2.0 * np.pi * 0.7 * time + 1.0)
+    x /= np.linalg.norm(x)
+    y -= (y @ x) * x
+    y /= np.linalg.norm(y)
+    return Frame(frame.origin, np.column_stack([x, y, np.cross(x, y)]))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What the registration gets wrong: a slow random walk of place and heading."""
+
+    knots: Array  # (k,) s
+    shift: Array  # (k, 3) m
+    yaw: Array  # (k,) rad
+
+    def moved(self, times: Array, points: Array, origins: Array) -> Array:
+        """Points (n, 3) as registered at `times` (n,) from the scanner's `origins` (n, 3)."""
+        yaw = np.interp(times, self.knots, self.yaw)
+        beam = points - origins
+        moved = points.copy()
+        moved[:, 0] -= yaw * beam[:, 1]
+        moved[:, 1] += yaw * beam[:, 0]
+        for k in range(3):
+            moved[:, k] += np.interp(times, self.knots, self.shift[:, k])
+        return moved
+
+
+def make_drift(duration: float, size: float, rng: np.random.Generator) -> Drift:
+    """Make a drift with a standard deviation of `size` metres after 25 s."""
+    knots = np.arange(0.0, duration + 2.0)
+    steps = rng.normal(size=(len(knots), 4)) / np.sqrt(25.0)
+    walk = size * (np.cumsum(steps, axis=0) - steps)
+    walk[:, 2] *= 0.5  # the height is known better
+    return Drift(knots, walk[:, :3], 0.02 * walk[:, 3])  # 0.001 rad where the place is off 5 cm
+
+
+def chance_of_return(distance: Array, cosine: Array, reflectivity: Array) -> Array:
+    """Chance that the scanner gets an echo: less from far, dark and oblique surfaces."""
+    signal = reflectivity * cosine / np.maximum(distance, NEAREST) ** 2
+    heard = (distance > NEAREST) & (distance < FARTHEST)
+    return np.where(heard, 1.0 - np.exp(-STRENGTH * signal), 0.0)
