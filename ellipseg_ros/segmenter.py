@@ -21,8 +21,8 @@ from ellipseg_ros.data import Array, Segmentation, Sweep
 from ellipseg_ros.grouping import SECOND, why_restart
 from ellipseg_ros.result import ellipsoid_records
 
-SPARE = 1.4  # rows made per row needed, so that rows are renumbered seldom
-DEAD = 0.3  # share of dead rows at which they are
+SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom
+DEAD = 0.25  # share of dead rows at which they are
 
 
 def segment(
@@ -106,15 +106,14 @@ class Segmenter:
 
     def _make_room(self, arriving: int) -> None:
         """Let every stage drop its dead rows, where there are many or no room is left."""
+        capacity = len(self._neighbours.status)
         living = np.flatnonzero(self._neighbours.status)
-        needed = self._neighbours.count + arriving
-        if (
-            needed <= len(self._neighbours.status)
-            and needed - arriving - len(living) <= DEAD * needed
-        ):
+        dead = self._neighbours.count - len(living)
+        if self._neighbours.count + arriving <= capacity and dead <= DEAD * capacity:
             return
-        spare = SPARE if len(living) else 1.0
-        capacity = round(spare * (len(living) + arriving))
+        needed = len(living) + arriving
+        if needed > (1.0 - DEAD / 2.0) * capacity:
+            capacity = round(SPARE * needed) if len(living) else needed
         self._edges = renumbered(self._edges, living)
         self._merge.renumber(living, capacity)
         self._neighbours.renumber(living, capacity)

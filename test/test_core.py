@@ -89,7 +89,7 @@ def test_the_number_of_threads_changes_nothing(threads, monkeypatch):
     size = 60 if jit.PLAIN else 3000
     points = street(size, np.random.default_rng(1))
     expected = graph_of(points).edges
-    for module in ("jit", "sorting", "edges"):
+    for module in ("jit", "sorting"):
         monkeypatch.setattr(f"ellipseg_ros.core.{module}.THREADS", threads)
     monkeypatch.setattr(jit, "LEAST", 10)
     for column, other in zip(graph_of(points).edges, expected, strict=True):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.core.ellipsoids import AXES, MEAN, PLANARITY
-from ellipseg_ros.core.jit import THREADS, for_parts, kernel
+from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
 from ellipseg_ros.core.sorting import sorted_order
 from ellipseg_ros.data import Array
@@ -51,51 +51,57 @@ def renumbered(edges: Edges, keep: Array) -> Edges:
 def update_edges(edges: Edges, renewed: Renewed) -> Edges:
     """Edges i - j where i in N(j) or j in N(i), with those at dirty rows made anew.
 
-    The kept ones stay sorted; the new ones are sorted and merged into them.
+    The new ones are sorted and then merged into those that stay, which are sorted already.
     """
-    kept, touched = _keep(edges, renewed)
-    added = _added(touched, renewed)
+    cuts = np.linspace(0, len(edges.weight), PARTS + 1).astype(np.int64)
+    stays = np.empty(len(edges.weight), bool)
+    touched = _empty(len(edges.weight))
+    counts = np.zeros((2, PARTS), np.int64)
+    for_parts(_each(PARTS), _sift, cuts, edges, renewed, stays, touched, counts)
+    found = _made_by_dirty(renewed)
+    both = zip(_joined(touched, cuts, counts[1]), found, strict=True)
+    added = Edges(*(np.concatenate(columns) for columns in both))
     order = sorted_order(*added)
     added = Edges(*(column[order] for column in added))
-    if not len(kept.weight):
+    if not counts[0].any():
         return added
-    return _merge_sorted(kept, added)
+    return _merged(edges, stays, cuts, counts[0], added)
 
 
-def _keep(edges: Edges, renewed: Renewed) -> tuple[Edges, Edges]:
-    """The edges that stay as they are, and those that one end of still makes, sorted each."""
-    size = len(edges.weight)
-    cuts = np.array([size * part // PARTS for part in range(PARTS + 1)])
-    kept, touched = _empty(size), _empty(size)
-    counts = np.zeros((2, PARTS), np.int64)
-    parts = [(part, part + 1) for part in range(PARTS)]
-    for_parts(parts, _sift, cuts, edges, renewed, kept, touched, counts)
-    return _joined(kept, cuts, counts[0]), _joined(touched, cuts, counts[1])
-
-
-def _added(touched: Edges, renewed: Renewed) -> Edges:
-    """The edges with a dirty end."""
+def _made_by_dirty(renewed: Renewed) -> Edges:
+    """The edges that dirty rows make, unsorted."""
     rows = np.flatnonzero(renewed.dirty)
     k = renewed.neighbours.shape[1]
-    cuts = np.array([len(rows) * part // PARTS for part in range(PARTS + 1)])
+    cuts = np.linspace(0, len(rows), PARTS + 1).astype(np.int64)
     counts = np.zeros(PARTS, np.int64)
     found = _empty(len(rows) * k)
-    parts = [(part, part + 1) for part in range(PARTS)]
-    for_parts(parts, _find, cuts, rows, renewed, found, counts)
-    found = _joined(found, cuts * k, counts)
-    return Edges(*(np.concatenate(columns) for columns in zip(touched, found, strict=True)))
+    for_parts(_each(PARTS), _find, cuts, rows, renewed, found, counts)
+    return _joined(found, cuts * k, counts)
 
 
-def _merge_sorted(one: Edges, other: Edges) -> Edges:
-    """Two sorted lists without a common edge as one: the places of the shorter are looked up."""
-    size = len(other.weight)
-    cuts = np.array([size * part // THREADS for part in range(THREADS + 1)])
-    parts = [(part, part + 1) for part in range(THREADS)]
-    places = np.full(size + 1, len(one.weight))
-    merged = _empty(len(one.weight) + size)
-    for_parts(parts, _look_up, cuts, one, other, places)
-    for_parts(parts, _interleave, cuts, one, other, places, merged)
+def _merged(edges: Edges, stays: Array, cuts: Array, counts: Array, added: Edges) -> Edges:
+    """Those of `edges` that stay (`counts` between the `cuts`) and the added, sorted both."""
+    before = np.concatenate([[0], np.cumsum(counts)])
+    first = np.array([_place(edges, cut, added) for cut in cuts])
+    first[0], first[-1] = 0, len(added.weight)
+    merged = _empty(int(before[-1]) + len(added.weight))
+    for_parts(_each(PARTS), _interleave, cuts, edges, stays, before, first, added, merged)
     return merged
+
+
+def _place(edges: Edges, e: int, added: Edges) -> int:
+    """How many of the added edges come before edge e."""
+    if e == len(edges.weight):
+        return len(added.weight)
+    key = (edges.weight[e], edges.i[e], edges.j[e])
+    place, end = (int(np.searchsorted(added.weight, key[0], side)) for side in ("left", "right"))
+    while place < end and (added.weight[place], added.i[place], added.j[place]) < key:
+        place += 1
+    return place
+
+
+def _each(parts: int) -> list[tuple[int, int]]:
+    return [(part, part + 1) for part in range(parts)]
 
 
 def _empty(size: int) -> Edges:
@@ -110,24 +116,23 @@ def _joined(edges: Edges, starts: Array, counts: Array) -> Edges:
 
 @kernel
 def _sift(part, following, cuts, edges, renewed, kept, touched, counts):
-    """Split a part of the edges: both ends stay; a clean end has the dirty one in its list."""
+    """Tell which edges of a part stay, and list those that a clean end has to the dirty one."""
     weight, left, right = edges
     neighbours, nodes, dirty, stays = renewed
-    kept_weight, kept_left, kept_right = kept
     touched_weight, touched_left, touched_right = touched
-    place = other = cuts[part]
+    place = cuts[part]
+    count = 0
     for e in range(cuts[part], cuts[following]):
         i, j = left[e], right[e]
-        if stays[i] and stays[j]:
-            kept_weight[place], kept_left[place], kept_right[place] = weight[e], i, j
-            place += 1
-        elif (stays[i] and dirty[j] and _lists(neighbours, i, j)) or (
+        kept[e] = stays[i] and stays[j]
+        count += kept[e]
+        if (stays[i] and dirty[j] and _lists(neighbours, i, j)) or (
             stays[j] and dirty[i] and _lists(neighbours, j, i)
         ):
-            touched_weight[other] = edge_weight(nodes, i, j)
-            touched_left[other], touched_right[other] = i, j
-            other += 1
-    counts[0, part], counts[1, part] = place - cuts[part], other - cuts[part]
+            touched_weight[place] = edge_weight(nodes, i, j)
+            touched_left[place], touched_right[place] = i, j
+            place += 1
+    counts[0, part], counts[1, part] = count, place - cuts[part]
 
 
 @kernel
@@ -182,49 +187,40 @@ def edge_weight(nodes, i, j):
 
 
 @kernel
-def _look_up(part, following, cuts, one, other, places):
-    """How many edges of `one` come before each of the part's edges of `other`."""
-    weight, left, right = one
-    other_weight, other_left, other_right = other
-    low = 0
-    for e in range(cuts[part], cuts[following]):
-        w, i, j = other_weight[e], other_left[e], other_right[e]
-        step = 1  # doubled, as the next place is near
-        while low + step < len(weight) and _before(weight, left, right, low + step, w, i, j):
-            low += step
-            step *= 2
-        high = min(low + step, len(weight))
-        while low < high:
-            middle = (low + high) >> 1
-            if _before(weight, left, right, middle, w, i, j):
-                low = middle + 1
-            else:
-                high = middle
-        places[e] = low
+def _interleave(part, following, cuts, edges, kept, before, first, added, merged):  # noqa: PLR0913
+    """Write the part's edges that stay, and the added ones from first[part] on, in their order.
 
-
-@kernel
-def _before(weight, left, right, e, w, i, j):
-    """Whether edge e comes before the edge i - j of weight w."""
-    if weight[e] != w:
-        return weight[e] < w
-    if left[e] != i:
-        return left[e] < i
-    return right[e] < j
-
-
-@kernel
-def _interleave(part, following, cuts, one, other, places, merged):
-    """Copy the part's edges of `other`, each after those of `one` that come before it."""
+    The ninth argument would only be hidden in a tuple.
+    """
     weight, left, right = merged
-    one_weight, one_left, one_right = one
-    other_weight, other_left, other_right = other
-    size = len(other_weight)
-    start = places[cuts[part] - 1] if cuts[part] > 0 else 0
-    for e in range(cuts[part], cuts[following] + (cuts[following] == size)):
-        for k in range(start, places[e]):
-            weight[k + e], left[k + e], right[k + e] = one_weight[k], one_left[k], one_right[k]
-        start = places[e]
-        if e < size:
-            k = start + e
-            weight[k], left[k], right[k] = other_weight[e], other_left[e], other_right[e]
+    old_weight, old_left, old_right = edges
+    new_weight, new_left, new_right = added
+    new, end = first[part], first[following]
+    place = before[part] + new
+    for e in range(cuts[part], cuts[following]):
+        if not kept[e]:
+            continue
+        w, i, j = old_weight[e], old_left[e], old_right[e]
+        while new < end and (
+            new_weight[new] < w
+            or (
+                new_weight[new] == w
+                and (new_left[new] < i or (new_left[new] == i and new_right[new] < j))
+            )
+        ):
+            weight[place], left[place], right[place] = (
+                new_weight[new],
+                new_left[new],
+                new_right[new],
+            )
+            new += 1
+            place += 1
+        weight[place], left[place], right[place] = w, i, j
+        place += 1
+    for rest in range(new, end):
+        weight[place], left[place], right[place] = (
+            new_weight[rest],
+            new_left[rest],
+            new_right[rest],
+        )
+        place += 1

@@ -91,18 +91,18 @@ class Merge:
     def renumber(self, keep: Array, capacity: int) -> None:
         """Keep the vertices `keep` (n,) ascending, as 0 to n - 1; see Neighbours.renumber."""
         old = self._forest
-        unions = len(old.awake) + np.flatnonzero(old.left[len(old.awake) :] != NONE)
-        kept = np.concatenate([keep, unions])
-        now = np.concatenate([np.arange(len(keep)), capacity + np.arange(len(unions))])
-        names = np.full(len(old.parent) + 1, NONE, np.int32)  # node -1 is the last
-        names[kept] = now
-        new = _new_forest(capacity)
-        for name in ("nodes", "extra", "made_weight"):
-            getattr(new, name)[now] = getattr(old, name)[kept]
-        for name in ("parent", "left", "right", "made_i", "made_j"):
-            getattr(new, name)[now] = names[getattr(old, name)[kept]]
-        new.free[-1] = capacity - len(unions)
-        self._forest = new
+        size = len(old.awake)
+        forest = old if size == capacity else _new_forest(capacity)
+        names = np.full(2 * size + 1, NONE, np.int32)  # node -1 is the last: none stays none
+        names[keep] = np.arange(len(keep))
+        unions = size + np.flatnonzero(old.left[size:] != NONE)
+        kept = unions if forest is old else np.arange(capacity, capacity + len(unions))
+        names[unions] = kept
+        _move_forest(old, keep, unions, names, forest)
+        forest.parent[len(keep) : capacity] = NONE
+        if forest is not old:
+            forest.free[-1] = capacity - len(unions)
+        self._forest = forest
 
     def widened(self, change: Change, config: Config) -> Array:
         """The dirty vertices; all where the criterion or its numbers have changed."""
@@ -160,6 +160,24 @@ def _no_events(capacity: int) -> Events:
         node=np.empty(capacity, np.int32),
         size=np.zeros(1, np.int64),
     )
+
+
+@kernel
+def _move_forest(old, keep, unions, names, new):
+    """Copy the vertices `keep` and the unions to where `names` says: ascending, maybe in place."""
+    for which in (keep, unions):
+        for k in range(len(which)):
+            node = which[k]
+            name = names[node]
+            for column in range(old.nodes.shape[1]):
+                new.nodes[name, column] = old.nodes[node, column]
+            new.extra[name] = old.extra[node]
+            new.parent[name] = names[old.parent[node]]
+            new.left[name] = names[old.left[node]]
+            new.right[name] = names[old.right[node]]
+            new.made_weight[name] = old.made_weight[node]
+            new.made_i[name] = names[old.made_i[node]]
+            new.made_j[name] = names[old.made_j[node]]
 
 
 @kernel

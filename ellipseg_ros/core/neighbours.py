@@ -48,11 +48,13 @@ class Neighbours:
         """Keep the rows `keep` (n,) ascending, as 0 to n - 1, in arrays of `capacity` rows."""
         names = np.full(self.count + 1, -1, np.int32)  # row -1 is the last: none stays none
         names[keep] = np.arange(len(keep))
-        self.rows = resized(names[self.rows[keep]], capacity, -1)
-        self.points = resized(self.points[keep], capacity, 0.0)
-        self.serial = resized(self.serial[keep], capacity, np.iinfo(np.int64).max)
-        self.status = resized(self.status[keep], capacity, DEAD)
-        self._squared = resized(self._squared[keep], capacity, np.inf)
+        self.rows = moved(self.rows, keep, capacity)
+        self.rows[: len(keep)] = names[self.rows[: len(keep)]]
+        self.points = moved(self.points, keep, capacity)
+        self.serial = moved(self.serial, keep, capacity)
+        self.status = moved(self.status, keep, capacity)
+        self.status[len(keep) :] = DEAD
+        self._squared = moved(self._squared, keep, capacity)
         self.count = len(keep)
         self._planted = self._rotten = 0  # the next update plants
 
@@ -83,7 +85,9 @@ class Neighbours:
         # Those that met an isolated one, lost one to isolation, or gained one, ask among members.
         left = ask & was_member & ~enters
         again = self._incomplete(member if left.any() else enters)
-        again |= self._gaining(member & ~ask, entered)
+        settled = member & ~ask
+        if settled.any():
+            again |= self._gaining(settled, entered)
         self._search(again, MEMBER)
         self.rows[ask & ~enters] = -1
         return Change(enters | again, was_member & ~member, member)
@@ -121,11 +125,25 @@ class Neighbours:
         return flags
 
 
-def resized(values: Array, capacity: int, fill: float) -> Array:
-    """A copy with `capacity` rows, those beyond the given ones filled."""
-    grown = np.full((capacity, *values.shape[1:]), fill, values.dtype)
-    grown[: len(values)] = values
-    return grown
+def moved(values: Array, keep: Array, capacity: int) -> Array:
+    """The rows `keep` (n,) ascending as the first n of an array of `capacity` rows.
+
+    In place where the capacity stays: at hundreds of bytes a row, new memory costs most time.
+    The rows beyond n hold anything.
+    """
+    target = values
+    if len(values) != capacity:
+        target = np.zeros((capacity, *values.shape[1:]), values.dtype)
+    if len(keep):
+        _move(values.reshape(len(values), -1), keep, target.reshape(capacity, -1))
+    return target
+
+
+@kernel
+def _move(values, keep, target):
+    for k in range(len(keep)):
+        for column in range(values.shape[1]):
+            target[k, column] = values[keep[k], column]
 
 
 @kernel

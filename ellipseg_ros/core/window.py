@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.column import Column
 from ellipseg_ros.data import REJECTED, THINNED, Array, Sweep, join_fields
 
 SECOND = 1_000_000_000  # ns
@@ -34,16 +35,29 @@ class Window:
     """A sliding window in sensor time."""
 
     def __init__(self, origin: Array | None = None) -> None:
-        self.points = Points(
-            np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int8)
+        self._columns = Points(
+            Column(np.zeros((0, 3))),
+            Column(np.zeros(0, np.int64)),
+            Column(np.zeros(0, np.int64)),
+            Column(np.zeros(0, np.int8)),
         )
-        self.fields: Array | None = None  # (n,) structured
+        self._fields: Column | None = None
         self.frame_id = ""
         self.start_ns = 0
         self.end_ns = 0
         self.started = False
         self._origin = origin
         self._arrived = 0  # points so far
+
+    @property
+    def points(self) -> Points:
+        """The points of now; read only."""
+        return Points(*(column.values for column in self._columns))
+
+    @property
+    def fields(self) -> Array | None:
+        """(n,) structured: the fields of the input, where it has any."""
+        return None if self._fields is None else self._fields.values
 
     @property
     def origin(self) -> Array:
@@ -66,12 +80,14 @@ class Window:
         self.end_ns = max([*ends, self.end_ns] if self.started else ends, default=sweep.stamp_ns)
         self.start_ns = self.end_ns - round(config.window_duration * SECOND)
 
-        gone = self.points.times_ns <= self.start_ns
-        expired = self.points.arrival[gone & (self.points.fate == TAKES_PART)]
-        late = times <= self.start_ns  # may be, within max_lateness of a shorter window
+        old = self.points
+        gone = old.times_ns <= self.start_ns
+        expired = old.arrival[gone & (old.fate == TAKES_PART)]
+        late = times <= self.start_ns  # possible, within max_lateness of a short window
         comes = takes_part & ~late
         arrived, serial = new.position[comes] - self.origin, new.arrival[comes]
-        self._append(new, sweep.fields, ~gone, ~late)
+        self._arrived += len(times)
+        self._move(gone, new, sweep.fields, ~late)
         self.frame_id, self.started = sweep.frame_id, True
         return Push(arrived, serial, expired)
 
@@ -81,18 +97,20 @@ class Window:
         local = self.points.position[comes] - self.origin
         return Push(local, self.points.arrival[comes], np.zeros(0, np.int64))
 
-    def _append(self, new: Points, fields: Array | None, stays: Array, comes: Array) -> None:
-        self._arrived += len(new.arrival)
-        old_fields = None if self.fields is None else self.fields[stays]
-        new_fields = None if fields is None else fields[comes]
-        lengths = [int(np.count_nonzero(stays)), int(np.count_nonzero(comes))]
-        self.fields = join_fields([old_fields, new_fields], lengths)
-        self.points = Points(
-            *(
-                np.concatenate([old[stays], come[comes]])
-                for old, come in zip(self.points, new, strict=True)
-            )
-        )
+    def _move(self, gone: Array, new: Points, fields: Array | None, stays: Array) -> None:
+        """Drop the old rows that are `gone`, add the new ones that stay."""
+        old_fields = self.fields
+        for column, rows in zip(self._columns, new, strict=True):
+            column.drop(gone)
+            column.append(rows[stays])
+        come = None if fields is None else fields[stays]
+        if self._fields is not None and come is not None and come.dtype == self._fields.dtype:
+            self._fields.drop(gone)
+            self._fields.append(come)
+            return
+        kept = None if old_fields is None else old_fields[~gone]
+        joined = join_fields([kept, come], [int((~gone).sum()), int(stays.sum())])
+        self._fields = None if joined is None else Column(joined)
 
     def _fate(self, sweep: Sweep, budget: float) -> Array:
         """Who takes part; `budget` points at most, about, spread evenly by their serial number."""
