@@ -58,6 +58,13 @@ def test_a_faultless_node_passes(stream):
     assert f"{len(last.labels):,} in the last window" in check.summary()["points accounted for"]
 
 
+def test_the_padding_of_dds_is_no_difference(stream):
+    check = checked(stream, lambda k, node: replace(node, cloud=node.cloud + bytes(k % 4)))
+    assert check.passed
+    check = checked(stream, lambda k, node: replace(node, segments=node.segments + bytes(4)))
+    assert check.identical == 0
+
+
 def test_a_missing_update_fails(stream):
     groups, results = stream
     assert not checked((groups[:4], results[:4])).passed

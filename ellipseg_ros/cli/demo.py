@@ -56,8 +56,9 @@ class Live:
 
 def run(args: Namespace) -> int:
     """Run, check and report; returns the exit code, 1 if a check failed."""
-    settings = with_settings(read_settings(args, {"max_points_per_second": THINNED_TO}), LOSSLESS)
     source = open_input(args.data, args)
+    defaults = {"max_points_per_second": THINNED_TO} if source.duration else {}  # no single cloud
+    settings = with_settings(read_settings(args, defaults), LOSSLESS)
     folder = Path(args.output)
     prepare(folder, args.data)
     _keep_to_ourselves()

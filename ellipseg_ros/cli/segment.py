@@ -62,6 +62,8 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
             bag = stack.enter_context(BagSink(folder / BAG, settings.node))
             listeners.append(bag.write_points)
         for _, found in run_updates(_overheard(source, listeners), settings.config, meter):
+            if found.restart:
+                say(f"the window begins anew: {found.restart}", args)
             if bag is not None:
                 bag.write_update(found)
     return meter

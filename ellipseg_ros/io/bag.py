@@ -83,6 +83,8 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[bytes, Any]]:
     """Yield the messages of one of the node's topics from a ROS 2 bag: as bytes, and decoded."""
     with _opened(_storage(path)) as reader:
         chosen = [c for c in reader.connections if c.topic == topic]
+        if not chosen:  # which to rosbags would mean all
+            return
         for connection, _, raw in reader.messages(chosen):
             yield bytes(raw), node_types().deserialize_cdr(raw, connection.msgtype)
 

@@ -36,7 +36,7 @@ class Recorder:
         self._bag = bag
         self._changed = Condition()  # guards the bag, too
         self._matched = dict.fromkeys(TOPICS, 0)
-        self._time_ns = 0  # of the newest update
+        self._time_ns: int | None = None  # of the newest update
         self._stopped = ""
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
@@ -111,7 +111,7 @@ class Recorder:
         with self._changed:
             if topic in STAMPED:
                 self._time_ns = header_time(data)
-            if self._time_ns:
+            if self._time_ns is not None:  # markers have no time of their own
                 self._bag.write(f"/{topic}", self._time_ns, data)
             self.updates += topic == "segments"
             self._changed.notify_all()

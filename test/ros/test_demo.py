@@ -91,6 +91,16 @@ def test_the_results_are_there(demo):
     assert names >= {"bag", "window.npz", "window.ply", "segments.png", "ellipsoids.png"}
 
 
+def test_a_single_cloud_is_one_update(ros_domain, tmp_path, capsys):
+    points = np.random.default_rng(4).uniform(0.0, 5.0, (3000, 3))
+    np.savez(tmp_path / "cloud.npz", xyz=points)
+    words = ["--data", str(tmp_path / "cloud.npz"), "-o", str(tmp_path / "out"), "--no-pictures"]
+    assert main(["demo", *words, "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["updates"], summary["points"], summary["times_real_time"]) == (1, 3000, None)
+    assert summary["window"]["thinned"] == 0
+
+
 def test_a_node_that_dies_is_one_line(ros_domain, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(node_process, "START", "raise SystemExit(3)")
     folder = tmp_path / "out"
