@@ -116,7 +116,11 @@ def description(about: Setting) -> str:
 
 def as_yaml(*records: Checked) -> str:
     """A parameter file with every setting, its meaning and limits: what config/ holds."""
-    lines = ["/**:", "  ros__parameters:"]
+    lines = [
+        "# Every parameter of the segmenter and its default; written from ellipseg_ros/config.py.",
+        "/**:",
+        "  ros__parameters:",
+    ]
     section: list[str] = []
     for record in records:
         for name, value, about in walk(record):
