@@ -86,7 +86,7 @@ def test_the_launch_files_and_executables_exist() -> None:
         for name in re.findall(r"ros2 launch ellipseg_ros (\S+)", page.read_text()):
             assert (ROOT / "launch" / name).exists()
         for name in re.findall(r"ros2 run ellipseg_ros (\S+)", page.read_text()):
-            assert f'"{name}": f"' in setup
+            assert f'"{name}": "ellipseg_ros.ros.' in setup
 
 
 def test_the_paper_page_names_code_that_exists() -> None:

@@ -57,6 +57,10 @@ def _ours(name: str) -> bool:
 
 
 def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:
+    """Four pictures: points and ellipsoids, from above and obliquely."""
     from ellipseg_ros import plots  # matplotlib takes long to load, hence only if wanted
 
     say("drawing ...", args)
+    for view, suffix in ((plots.BIRDSEYE, ""), (plots.OBLIQUE, "_oblique")):
+        plots.draw_segments(found, folder / f"segments{suffix}.png", view)
+        plots.draw_ellipsoids(found, folder / f"ellipsoids{suffix}.png", view)
