@@ -147,7 +147,7 @@ def test_pip_installs_what_the_tests_import(description):
 
 def test_rosdep_installs_what_the_code_imports_and_no_more(manifest):
     names = imports(SOURCES + LAUNCH_FILES) | message_packages()
-    unimported = {"rosidl_default_runtime", "rviz2"}  # one is for C++; a launch file runs the other
+    unimported = {"rosidl_default_runtime", "rviz2"}  # for C++; run by a launch file
     required = keys(manifest, "exec_depend", "depend") - unimported
     assert {in_rosdep(name) for name in names} - {None} == required
     remark = (ROOT / "package.xml").read_text(encoding="utf-8")

@@ -64,7 +64,8 @@ class Backlog:
             self._changed.notify()
             if not 0 < max_updates < self.waiting():
                 return None
-            tasks, self._tasks = list(self._tasks), deque()
+            tasks = list(self._tasks)
+            self._tasks = deque(task for task in tasks if not isinstance(task, Update))
             self._tasks, overload = _taken_together(tasks)
             return overload
 

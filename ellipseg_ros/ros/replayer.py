@@ -8,6 +8,7 @@ from threading import Thread
 import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -26,6 +27,7 @@ from ellipseg_ros.ros.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.ros.process import End, Spinner, run
 
 DEPTH = 1000  # clouds kept for a slow subscriber
+FAREWELL = Duration(seconds=1.0)  # that subscribers get to acknowledge the last clouds
 PATIENCE = 1.0  # s that the playback gets to end
 
 
@@ -59,8 +61,9 @@ class ReplayerNode:
         node.create_service(SetBool, "~/pause", self._on_pause)
 
     def close(self) -> bool:
-        """Send nothing more."""
+        """Send nothing more, and wait a moment for what was sent to arrive."""
         self.playback.stop()
+        self._points.wait_for_all_acked(FAREWELL)
         return True
 
     def _send(self, sweep: Sweep) -> None:

@@ -20,7 +20,7 @@ from ellipseg_ros.data import Sweep
 from ellipseg_ros.io.pointcloud2 import write_sweep
 
 SECOND = 1_000_000_000  # ns
-LIMIT = 30.0
+LIMIT = 120.0  # s that an answer may take: kernels may have to be compiled first
 
 
 class Process:
@@ -219,6 +219,11 @@ def peer(domain, namespace=""):
         yield found
     finally:
         found.close()
+
+
+def nanoseconds(time):
+    """A builtin_interfaces/Time in ns."""
+    return time.sec * SECOND + time.nanosec
 
 
 def wall(stamp, frame_id="odom", points=400, seed=0):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import SECOND, peer, running, wall
+from harness import SECOND, nanoseconds, peer, running, wall
 from rcl_interfaces.msg import ParameterType
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -27,10 +27,6 @@ from ellipseg_ros.simulator import simulate
 
 NODE = "/ellipseg_segmenter"
 STOP_WITHIN = 10.0  # s; it takes less than one on an idle machine
-
-
-def nanoseconds(time):
-    return time.sec * SECOND + time.nanosec
 
 
 def actions(array):

@@ -1,0 +1,112 @@
+"""What /diagnostics tell."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from ellipseg_ros.data import Counts
+from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.ros import health
+from ellipseg_ros.ros.health import ERROR, OK, WARN, Health
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that only a test turns on."""
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr(health.time, "monotonic", lambda: now.s)
+    return now
+
+
+def window(restart=""):
+    return SimpleNamespace(
+        restart=restart,
+        counts=Counts(90, 5, 3, 2),
+        frame_id="odom",
+        start_ns=0,
+        end_ns=20 * SECOND,
+        ids=range(7),
+        criterion="shape",
+        threshold=4.0,
+        aicc=-12.345,
+    )
+
+
+def test_before_the_first_cloud_it_says_so(clock):
+    report = Health().report(0)
+    assert (report.level, report.message) == (WARN, "no cloud yet")
+
+
+def test_good_clouds_are_fine_and_their_rate_is_told(clock):
+    found = Health()
+    for _ in range(20):
+        found.cloud()
+    clock.s += 2.0
+    report = found.report(waiting=1)
+    assert (report.level, report.message) == (OK, "segmenting")
+    assert report.values["input rate [1/s]"] == "10.00"
+    assert report.values["updates waiting"] == "1"
+
+
+def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
+    found = Health()
+    found.cloud()
+    clock.s += 5.1
+    assert found.report(0).message == "no cloud for 5 s"
+    found.cloud()
+    assert found.report(0).level == OK
+
+
+def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
+    found = Health()
+    found.cloud()
+    found.cloud()
+    found.rejected("no_xyz")
+    report = found.report(0)
+    assert (report.level, report.message) == (WARN, "1 clouds rejected")
+    assert report.values["clouds rejected: no_xyz"] == "1"
+    found.cloud()
+    found.rejected("no_xyz")
+    report = found.report(0)
+    assert (report.level, report.message) == (ERROR, "every cloud is rejected: no_xyz")
+    found.cloud()
+    report = found.report(0)
+    assert report.level == OK
+    assert report.values["clouds rejected"] == "2"
+
+
+def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
+    found = Health()
+    found.cloud()
+    found.lost(3)
+    found.overloaded(joined=2, given_up=1)
+    report = found.report(0)
+    assert report.level == WARN
+    assert report.message == (
+        "3 clouds lost; too slow: 2 updates joined; too slow: 1 updates given up"
+    )
+    later = found.report(0)
+    assert later.level == OK
+    told = [later.values[f"{name}"] for name in ("clouds lost by DDS", "updates joined")]
+    assert told == ["3", "2"]
+
+
+def test_times_are_those_of_the_last_hundred_updates(clock):
+    found = Health()
+    for k in range(150):
+        found.updated(window(), processing=k / 1000, latency=k / 100)
+    values = found.report(0).values
+    assert values["updates"] == "150"
+    assert values["processing median [s]"] == "0.0995"  # of 0.050 to 0.149
+    assert float(values["latency p99 [s]"]) == pytest.approx(1.48, abs=0.01)
+
+
+def test_the_window_and_the_last_restart_are_described(clock):
+    found = Health()
+    found.updated(window(restart="a jump"), 0.1, 0.2)
+    found.updated(window(), 0.1, 0.2)
+    values = found.report(0).values
+    assert (values["restarts"], values["last restart"]) == ("1", "a jump")
+    fates = ("segmented", "isolated", "rejected", "thinned")
+    assert [values[f"points {fate}"] for fate in fates] == ["90", "5", "3", "2"]
+    assert (values["window [s]"], values["segments"], values["AICc"]) == ("20.000", "7", "-12.3")

@@ -1,0 +1,110 @@
+"""Settings as ROS parameters; over DDS they are tested in test_node.py."""
+
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ellipseg_ros.config import Config, NodeConfig, flatten
+from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.ros.parameters import Parameters, as_yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def make_node(ros_domain):
+    """Makes a node from arguments for ROS."""
+    opened = []
+
+    def make(*words):
+        context = Context()
+        rclpy.init(args=["--ros-args", *words] if words else [], context=context)
+        node = Node("some", context=context, automatically_declare_parameters_from_overrides=True)
+        opened.append((node, context))
+        return node
+
+    yield make
+    for node, context in opened:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def test_without_arguments_the_parameters_are_the_defaults(make_node):
+    node = make_node()
+    assert Parameters(node, Config(), NodeConfig()).records() == (Config(), NodeConfig())
+    for name, value in (flatten(Config()) | flatten(NodeConfig())).items():
+        found = node.get_parameter(name).value
+        assert found == value and type(found) is type(value), name
+
+
+def test_given_values_are_taken_and_integers_become_doubles(make_node):
+    node = make_node("-p", "threshold:=6", "-p", "graph.neighbours:=8", "-p", "marker_sigmas:=1")
+    config, shown = Parameters(node, Config(), NodeConfig()).records()
+    assert (config.threshold, config.graph.neighbours, shown.marker_sigmas) == (6.0, 8, 1.0)
+    assert type(node.get_parameter("threshold").value) is float
+
+
+@pytest.mark.parametrize(
+    ("word", "complaint"),
+    [
+        ("graph.neighbours:=2", "neighbours is 2; it must be from 3 to 64"),
+        ("graph.neighbours:=8.0", "neighbours is 8.0, of type float; it must be int"),
+        ("window_duration:=long", "window_duration is 'long', of type str; it must be float"),
+        ("window_duration:=[1.0, 2.0]", "window_duration is .* it must be float"),
+        ("criterion:=shapes", "criterion is 'shapes'; it must be one of shape, density, parsi"),
+        ("max_backlog:=true", "max_backlog is True, of type bool; it must be int"),
+    ],
+)
+def test_a_bad_given_value_is_refused_in_one_line(make_node, word, complaint):
+    with pytest.raises(ConfigError, match=complaint) as refusal:
+        Parameters(make_node("-p", word), Config(), NodeConfig())
+    assert "\n" not in str(refusal.value)
+
+
+def test_changes_are_told_once_and_refused_ones_not_at_all(make_node):
+    node = make_node()
+    parameters = Parameters(node, Config(), NodeConfig())
+    told = []
+    parameters.on_change(lambda: told.append(parameters.records()))
+    together = [Parameter("criterion", value="density"), Parameter("threshold", value=0.02)]
+    assert node.set_parameters_atomically(together).successful
+    assert told == [(Config(criterion="density", threshold=0.02), NodeConfig())]
+    together = [Parameter("marker_sigmas", value=1.0), Parameter("threshold", value=-0.5)]
+    assert not node.set_parameters_atomically(together).successful
+    assert len(told) == 1 and parameters.records() == told[0]
+
+
+def test_other_parameters_of_the_node_stay_its_own(make_node):
+    node = make_node()
+    parameters = Parameters(node, Config())
+    (answer,) = node.set_parameters([Parameter("use_sim_time", value=True)])
+    assert answer.successful
+    assert parameters.records() == (Config(),)
+
+
+def test_the_file_in_config_says_what_config_py_says():
+    """If not: write as_yaml(Config(), NodeConfig()) to config/segmenter.yaml."""
+    text = (ROOT / "config" / "segmenter.yaml").read_text(encoding="utf-8")
+    assert text == as_yaml(Config(), NodeConfig())
+    assert flat(yaml.safe_load(text)["/**"]["ros__parameters"]) == (
+        flatten(Config()) | flatten(NodeConfig())
+    )
+
+
+def test_ros_reads_the_file_as_the_defaults(make_node):
+    node = make_node("--params-file", str(ROOT / "config" / "segmenter.yaml"))
+    assert Parameters(node, Config(), NodeConfig()).records() == (Config(), NodeConfig())
+
+
+def flat(tree, prefix=""):
+    found = {}
+    for name, value in tree.items():
+        found |= (
+            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        )
+    return found

@@ -1,0 +1,74 @@
+"""The replayer as a process, over DDS."""
+
+import signal
+
+import numpy as np
+import pytest
+from harness import nanoseconds, peer, running
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import SetBool
+
+from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.simulator import simulate
+
+STOP_WITHIN = 10.0  # s
+
+
+@pytest.fixture(scope="module")
+def domain(session_ros_domain):
+    return session_ros_domain
+
+
+def settings(**values):
+    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+
+
+def test_it_plays_pauses_and_ends_by_itself(domain, tmp_path):
+    arguments = settings(source="sim:industrial", start_paused="true", rate=0)
+    names = ["-r", "points:=lidar/points", "-r", "__ns:=/rig"]
+    with (
+        running("replayer", [*arguments, *names], tmp_path / "log") as process,
+        peer(domain) as me,
+    ):
+        clouds = me.listen(PointCloud2, "/rig/lidar/points")
+        clock = me.listen(Clock, "/clock")
+        answer = me.call(SetBool, "/rig/ellipseg_replayer/pause", SetBool.Request(data=False))
+        assert answer.success and answer.message == "playing"
+        assert process.wait() == 0
+        sweeps = list(simulate("industrial"))
+        clouds.wait_for(len(sweeps))
+        clock.wait_for(len(sweeps))
+        assert f"sent {len(sweeps)} clouds" in process.said
+        assert "Traceback" not in process.said
+    for message, time, sweep in zip(clouds.messages, clock.messages, sweeps, strict=True):
+        came = read_sweep(message)
+        assert nanoseconds(time.clock) == came.stamp_ns == sweep.stamp_ns
+        assert came.frame_id == sweep.frame_id
+        assert came.fields.dtype == sweep.fields.dtype
+        assert np.array_equal(came.fields, sweep.fields)
+        assert np.array_equal(came.times_ns, sweep.times_ns)
+
+
+def test_an_interrupt_ends_it_in_peace(domain, tmp_path):
+    arguments = settings(source="sim:industrial", rate=0.001, loop="true")
+    with running("replayer", arguments, tmp_path / "log") as process, peer(domain) as me:
+        me.listen(PointCloud2, "/points").wait_for(1)
+        process.signal(signal.SIGINT)
+        assert process.wait(STOP_WITHIN) == 0
+        assert "Traceback" not in process.said
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({}, "the parameter source is empty; give one"),
+        ({"source": "no/such.mcap"}, "there is no no/such.mcap; it must be a bag"),
+        ({"source": "sim:industrial", "rate": -1}, "rate is -1; it must be from 0"),
+    ],
+)
+def test_what_cannot_be_played_is_one_line_and_exit_code_2(domain, tmp_path, values, complaint):
+    with running("replayer", settings(**values), tmp_path / "log") as process:
+        assert process.wait() == 2
+        (line,) = process.said.splitlines()
+    assert complaint in line
