@@ -129,7 +129,7 @@ def test_the_table_says_the_same(run, bag):
     summary = json.loads(open("yard_segmented/summary.json").read())
     assert f"{summary['window']['segmented']:,}" in table
     assert f"{summary['window']['segments']:,} (" in table
-    assert "yard_segmented/window.ply" in table
+    assert "yard_segmented/: summary.json, window.npz, window.ply" in table
 
 
 def test_quiet_is_silent(run, bag):

@@ -1,6 +1,7 @@
 """`ellipseg demo`: the node in a process of its own, a recording sent to it, all of it checked."""
 
 import os
+import sys
 from argparse import Namespace
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -69,9 +70,12 @@ def run(args: Namespace) -> int:
     show(summary, args)
     if meter.last is not None and meter.last.counts.thinned:
         rate = settings.config.max_points_per_second
-        say(f"Thinned: the clouds hold more than max_points_per_second = {rate:,}.", args)
-    say(OPEN.format(folder=folder) if check.passed else "\n".join(check.problems[:5]), args)
-    return 0 if check.passed else 1
+        say(f"The clouds are dense, so they were thinned: max_points_per_second = {rate:,}.", args)
+    if not check.passed:
+        print("\n".join(["ellipseg: the check failed", *check.problems[:5]]), file=sys.stderr)
+        return 1
+    say(OPEN.format(folder=folder), args)
+    return 0
 
 
 def _keep_to_ourselves() -> None:

@@ -150,8 +150,9 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
         yield from _window_rows(summary["window"])
     for name, text in summary.get("checks", {}).items():
         yield name, str(text)
-    for path in summary.get("files", []):
-        yield "wrote", path
+    if summary.get("files"):
+        paths = [Path(path) for path in summary["files"]]
+        yield "wrote", f"{paths[0].parent}/: {', '.join(path.name for path in paths)}"
 
 
 def _run_rows(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ellipseg_ros.cli import node_process
+from ellipseg_ros.cli import check, node_process
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.io.bag import read_messages
 
@@ -91,14 +91,28 @@ def test_the_results_are_there(demo):
     assert names >= {"bag", "window.npz", "window.ply", "segments.png", "ellipsoids.png"}
 
 
-def test_a_single_cloud_is_one_update(ros_domain, tmp_path, capsys):
+@pytest.fixture
+def words(tmp_path):
+    """A command line: the demo on one small cloud."""
     points = np.random.default_rng(4).uniform(0.0, 5.0, (3000, 3))
     np.savez(tmp_path / "cloud.npz", xyz=points)
-    words = ["--data", str(tmp_path / "cloud.npz"), "-o", str(tmp_path / "out"), "--no-pictures"]
-    assert main(["demo", *words, "--json"]) == 0
+    cloud, folder = str(tmp_path / "cloud.npz"), str(tmp_path / "out")
+    return ["demo", "--data", cloud, "-o", folder, "--no-pictures"]
+
+
+def test_a_single_cloud_is_one_update(ros_domain, words, capsys):
+    assert main([*words, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["updates"], summary["points"], summary["times_real_time"]) == (1, 3000, None)
     assert summary["window"]["thinned"] == 0
+
+
+def test_a_difference_is_code_1(ros_domain, words, monkeypatch, capsys):
+    monkeypatch.setattr(check, "write_segments", lambda found: b"something else")
+    assert main([*words, "-q"]) == 1
+    assert capsys.readouterr().err == (
+        "ellipseg: the check failed\nupdate 1 differs from the offline result\n"
+    )
 
 
 def test_a_node_that_dies_is_one_line(ros_domain, monkeypatch, tmp_path, capsys):
