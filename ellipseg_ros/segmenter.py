@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.edges import Edges, Renewed, no_edges, renumbered, update_edges
+from ellipseg_ros.core.edges import Renewed, renumbered, update_edges
 from ellipseg_ros.core.ellipsoids import (
     EIGENVALUES,
     initial_ellipsoids,
@@ -15,6 +15,7 @@ from ellipseg_ros.core.ellipsoids import (
 )
 from ellipseg_ros.core.merge import Merge, Merged
 from ellipseg_ros.core.neighbours import Change, Neighbours
+from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
 from ellipseg_ros.data import Array, Segmentation, Sweep

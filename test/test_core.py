@@ -23,7 +23,7 @@ from ellipseg_ros.core.ellipsoids import (
     shape,
     unite,
 )
-from ellipseg_ros.core.sorting import sorted_order
+from ellipseg_ros.core.sorting import Edges, Pieces, sorted_edges
 
 UPPER = np.triu_indices(3)
 CLOUDS = [(street, 150), (grid, 150), (street, 12), (street, 11), (street, 3), (grid, 40)]
@@ -189,10 +189,11 @@ def test_the_sorted_order_is_that_of_weight_then_i_then_j():
         weight[: n // 2] += rng.integers(0, 3, n // 2) * 1e-14  # equal in the upper half
         i, j = rng.integers(0, 40, n, np.int32), rng.integers(0, 40, n, np.int32)
         weight, i, j = (np.ascontiguousarray(c) for c in (weight, i, j))
-        order = sorted_order(weight, i, j)
-        assert sorted(order) == list(range(n))
-        keys = list(zip(weight[order], i[order], j[order], strict=True))
-        assert keys == sorted(keys)
+        pieces = Pieces(np.array([0, 100, 250]), np.array([90, 0, 150]))
+        found = sorted_edges(Edges(weight, i, j), pieces)
+        meant = [k for k in range(n) if k < 90 or k >= 250]
+        expected = sorted((weight[k], i[k], j[k]) for k in meant)
+        assert list(zip(*found, strict=True)) == expected
 
 
 def test_moments_of_labelled_points_equal_the_naive_ones():

@@ -8,18 +8,10 @@ import numpy as np
 from ellipseg_ros.core.ellipsoids import AXES, MEAN, PLANARITY
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
-from ellipseg_ros.core.sorting import sorted_order
+from ellipseg_ros.core.sorting import Edges, Pieces, no_edges, sorted_edges
 from ellipseg_ros.data import Array
 
 PARTS = 8  # of the rows or of the edges, between the threads
-
-
-class Edges(NamedTuple):
-    """Undirected edges i - j, i < j, ascending by (weight, i, j)."""
-
-    weight: Array  # (m,) float64, m
-    i: Array  # (m,) int32
-    j: Array  # (m,) int32
 
 
 class Renewed(NamedTuple):
@@ -36,11 +28,6 @@ class Renewed(NamedTuple):
         return cls(neighbours, nodes, change.dirty, change.member & ~change.dirty)
 
 
-def no_edges() -> Edges:
-    """No edges at all."""
-    return Edges(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int32))
-
-
 def renumbered(edges: Edges, keep: Array) -> Edges:
     """The edges when the rows `keep` (n,) ascending have become 0 to n - 1; all ends are kept."""
     names = np.zeros(int(keep.max(initial=-1)) + 1, np.int32)
@@ -53,30 +40,19 @@ def update_edges(edges: Edges, renewed: Renewed) -> Edges:
 
     The new ones are sorted and then merged into those that stay, which are sorted already.
     """
-    cuts = np.linspace(0, len(edges.weight), PARTS + 1).astype(np.int64)
-    stays = np.empty(len(edges.weight), bool)
-    touched = _empty(len(edges.weight))
-    counts = np.zeros((2, PARTS), np.int64)
-    for_parts(_each(PARTS), _sift, cuts, edges, renewed, stays, touched, counts)
-    found = _made_by_dirty(renewed)
-    both = zip(_joined(touched, cuts, counts[1]), found, strict=True)
-    added = Edges(*(np.concatenate(columns) for columns in both))
-    order = sorted_order(*added)
-    added = Edges(*(column[order] for column in added))
-    if not counts[0].any():
-        return added
-    return _merged(edges, stays, cuts, counts[0], added)
-
-
-def _made_by_dirty(renewed: Renewed) -> Edges:
-    """The edges that dirty rows make, unsorted."""
-    rows = np.flatnonzero(renewed.dirty)
+    size, rows = len(edges.weight), np.flatnonzero(renewed.dirty)
     k = renewed.neighbours.shape[1]
-    cuts = np.linspace(0, len(rows), PARTS + 1).astype(np.int64)
-    counts = np.zeros(PARTS, np.int64)
-    found = _empty(len(rows) * k)
-    for_parts(_each(PARTS), _find, cuts, rows, renewed, found, counts)
-    return _joined(found, cuts * k, counts)
+    cuts, row_cuts = (np.linspace(0, n, PARTS + 1).astype(np.int64) for n in (size, len(rows)))
+    made = no_edges(size + len(rows) * k)  # by clean rows at a dirty end, then by dirty ones
+    pieces = Pieces(
+        np.concatenate([cuts[:-1], size + k * row_cuts[:-1]]), np.zeros(2 * PARTS, np.int64)
+    )
+    stays, kept = np.empty(size, bool), np.zeros(PARTS, np.int64)
+    parts = [(part, part + 1) for part in range(PARTS)]
+    for_parts(parts, _sift, cuts, edges, renewed, stays, kept, made, pieces)
+    for_parts(parts, _find, row_cuts, rows, renewed, made, pieces)
+    added = sorted_edges(made, pieces)
+    return _merged(edges, stays, cuts, kept, added) if kept.any() else added
 
 
 def _merged(edges: Edges, stays: Array, cuts: Array, counts: Array, added: Edges) -> Edges:
@@ -84,8 +60,9 @@ def _merged(edges: Edges, stays: Array, cuts: Array, counts: Array, added: Edges
     before = np.concatenate([[0], np.cumsum(counts)])
     first = np.array([_place(edges, cut, added) for cut in cuts])
     first[0], first[-1] = 0, len(added.weight)
-    merged = _empty(int(before[-1]) + len(added.weight))
-    for_parts(_each(PARTS), _interleave, cuts, edges, stays, before, first, added, merged)
+    merged = no_edges(int(before[-1]) + len(added.weight))
+    parts = [(part, part + 1) for part in range(PARTS)]
+    for_parts(parts, _interleave, cuts, edges, stays, before, first, added, merged)
     return merged
 
 
@@ -100,27 +77,16 @@ def _place(edges: Edges, e: int, added: Edges) -> int:
     return place
 
 
-def _each(parts: int) -> list[tuple[int, int]]:
-    return [(part, part + 1) for part in range(parts)]
-
-
-def _empty(size: int) -> Edges:
-    return Edges(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
-
-
-def _joined(edges: Edges, starts: Array, counts: Array) -> Edges:
-    """The first `counts` edges of every part, which begins at `starts`."""
-    pieces = [slice(a, a + n) for a, n in zip(starts, counts, strict=False)]
-    return Edges(*(np.concatenate([column[piece] for piece in pieces]) for column in edges))
-
-
 @kernel
-def _sift(part, following, cuts, edges, renewed, kept, touched, counts):
-    """Tell which edges of a part stay, and list those that a clean end has to the dirty one."""
+def _sift(part, following, cuts, edges, renewed, kept, counts, made, pieces):  # noqa: PLR0913
+    """Tell which edges of a part stay, and make those that a clean end has to the dirty one.
+
+    The ninth argument would only be hidden in a tuple.
+    """
     weight, left, right = edges
     neighbours, nodes, dirty, stays = renewed
-    touched_weight, touched_left, touched_right = touched
-    place = cuts[part]
+    made_weight, made_left, made_right = made
+    start = place = pieces.start[part]
     count = 0
     for e in range(cuts[part], cuts[following]):
         i, j = left[e], right[e]
@@ -129,10 +95,10 @@ def _sift(part, following, cuts, edges, renewed, kept, touched, counts):
         if (stays[i] and dirty[j] and _lists(neighbours, i, j)) or (
             stays[j] and dirty[i] and _lists(neighbours, j, i)
         ):
-            touched_weight[place] = edge_weight(nodes, i, j)
-            touched_left[place], touched_right[place] = i, j
+            made_weight[place] = edge_weight(nodes, i, j)
+            made_left[place], made_right[place] = i, j
             place += 1
-    counts[0, part], counts[1, part] = count, place - cuts[part]
+    counts[part], pieces.count[part] = count, place - start
 
 
 @kernel
@@ -145,14 +111,14 @@ def _lists(neighbours, row, other):
 
 
 @kernel
-def _find(part, following, cuts, rows, renewed, edges, counts):
-    """The edges that the dirty rows of one part make: those to rows that stay and do not list
+def _find(part, following, cuts, rows, renewed, made, pieces):
+    """Make the edges that the dirty rows of one part own: those to rows that stay and do not list
     them (the others are in touch with an old edge), to later dirty ones, and to earlier dirty ones
     that do not list them."""
-    weight, left, right = edges
-    neighbours, nodes, dirty, stays = renewed
+    weight, left, right = made
+    neighbours, nodes, _, stays = renewed
     k = neighbours.shape[1]
-    place = cuts[part] * k
+    start = place = pieces.start[PARTS + part]
     for which in range(cuts[part], cuts[following]):
         v = rows[which]
         for slot in range(k):
@@ -164,7 +130,7 @@ def _find(part, following, cuts, rows, renewed, edges, counts):
             left[place], right[place] = min(v, other), max(v, other)
             weight[place] = edge_weight(nodes, left[place], right[place])
             place += 1
-    counts[part] = place - cuts[part] * k
+    pieces.count[PARTS + part] = place - start
 
 
 @kernel

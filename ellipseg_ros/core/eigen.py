@@ -5,6 +5,7 @@ import math
 from ellipseg_ros.core.jit import kernel
 
 THIRD = 2.0 * math.pi / 3.0
+TINY = 1e-290  # a matrix below is taken for zero: its inverse would overflow
 
 
 @kernel
@@ -22,13 +23,14 @@ def eigen(out, row, matrix, values, axes):
     xx, xy, xz = out[row, matrix], out[row, matrix + 1], out[row, matrix + 2]
     yy, yz, zz = out[row, matrix + 3], out[row, matrix + 4], out[row, matrix + 5]
     scale = max(abs(xx), abs(yy), abs(zz), max(abs(xy), abs(xz), abs(yz)))
-    if not scale > 0.0:
+    if not scale > TINY:
         for k in range(3):
             out[row, values + k] = 0.0
         for k in range(9):
             out[row, axes + k] = 1.0 if k % 4 == 0 else 0.0
         return
-    xx, xy, xz, yy, yz, zz = xx / scale, xy / scale, xz / scale, yy / scale, yz / scale, zz / scale
+    unit = 1.0 / scale
+    xx, xy, xz, yy, yz, zz = xx * unit, xy * unit, xz * unit, yy * unit, yz * unit, zz * unit
     wx, wy, wz = _separate_axis(xx, xy, xz, yy, yz, zz)
     ew = _form(xx, xy, xz, yy, yz, zz, wx, wy, wz)
     eu, ux, uy, uz, ev, vx, vy, vz = _complement(xx, xy, xz, yy, yz, zz, wx, wy, wz)
@@ -84,8 +86,8 @@ def _separate_axis(xx, xy, xz, yy, yz, zz):
         px, py, pz, p2 = rx, ry, rz, r2
     if not p2 > 0.0:
         return 1.0, 0.0, 0.0
-    length = math.sqrt(p2)
-    return px / length, py / length, pz / length
+    unit = 1.0 / math.sqrt(p2)
+    return px * unit, py * unit, pz * unit
 
 
 @kernel
@@ -102,11 +104,11 @@ def _form(xx, xy, xz, yy, yz, zz, wx, wy, wz):  # noqa: PLR0913  # a matrix and 
 def _complement(xx, xy, xz, yy, yz, zz, wx, wy, wz):  # noqa: PLR0913  # likewise
     """The other two eigenvalues, descending, each before its axis: e, x, y, z, e, x, y, z."""
     if abs(wx) > abs(wy):
-        length = math.sqrt(wx * wx + wz * wz)
-        ux, uy, uz = -wz / length, 0.0, wx / length
+        unit = 1.0 / math.sqrt(wx * wx + wz * wz)
+        ux, uy, uz = -wz * unit, 0.0, wx * unit
     else:
-        length = math.sqrt(wy * wy + wz * wz)
-        ux, uy, uz = 0.0, wz / length, -wy / length
+        unit = 1.0 / math.sqrt(wy * wy + wz * wz)
+        ux, uy, uz = 0.0, wz * unit, -wy * unit
     vx, vy, vz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
     ax, ay, az = (
         xx * vx + xy * vy + xz * vz,

@@ -13,7 +13,7 @@ import numpy as np
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.data import Array
 
-LEAF = 16  # most points a leaf
+LEAF = 24  # most points a leaf
 
 
 class Tree(NamedTuple):
@@ -148,6 +148,7 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
     near, near_squared = np.empty((LEAF, k), np.int32), np.empty((LEAF, k))
     queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
     stack, gaps = np.empty(64, np.int64), np.empty(64)
+    buffer = np.empty(LEAF)
     for leaf in range(first, last):
         count = 0
         worst = 0.0
@@ -189,11 +190,13 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
                 dy = max(0.0, low[node, 1] - py, py - high[node, 1])
                 dz = max(0.0, low[node, 2] - pz, pz - high[node, 2])
                 if dx * dx + dy * dy + dz * dz <= limit:
-                    for other in range(start, end):
-                        dx, dy, dz = x[other] - px, y[other] - py, z[other] - pz
-                        d = dx * dx + dy * dy + dz * dz
+                    for t in range(end - start):
+                        dx, dy, dz = x[start + t] - px, y[start + t] - py, z[start + t] - pz
+                        buffer[t] = dx * dx + dy * dy + dz * dz
+                    for t in range(end - start):
+                        d = buffer[t]
                         if d <= limit:
-                            candidate = rows[other]
+                            candidate = rows[start + t]
                             if candidate == me or status[candidate] < least:
                                 continue
                             slot = k - 1

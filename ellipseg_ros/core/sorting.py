@@ -1,5 +1,7 @@
 """The total order of edges, ascending by (weight, i, j): a radix sort with exact ties."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ellipseg_ros.core.jit import THREADS, for_parts, kernel
@@ -10,33 +12,57 @@ BUCKETS = 1 << DIGIT
 SHORT = 24  # a run of equal keys up to this length is sorted by insertion
 
 
-def sorted_order(weight: Array, i: Array, j: Array) -> Array:
-    """(m,) int32: the rows in ascending order of (weight, i, j); weight (m,) float64, at least 0.
+class Edges(NamedTuple):
+    """Undirected edges i - j, i < j."""
 
-    Each thread sorts the rows between two weights: the result is one total order, so the number of
+    weight: Array  # (m,) float64, m, at least 0
+    i: Array  # (m,) int32
+    j: Array  # (m,) int32
+
+
+def no_edges(size: int = 0) -> Edges:
+    """Room for so many edges."""
+    return Edges(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
+
+
+class Pieces(NamedTuple):
+    """Which rows of a list of edges are meant: `count` ones from `start` on, of every piece."""
+
+    start: Array  # (p,) int64
+    count: Array  # (p,) int64
+
+
+def sorted_edges(edges: Edges, pieces: Pieces) -> Edges:
+    """The edges of all pieces in ascending order of (weight, i, j).
+
+    Each thread sorts those between two weights: the result is one total order, so the number of
     threads cannot change it.
     """
-    sample = np.sort(weight[:: max(1, len(weight) // 1024)])
+    size = int(pieces.count.sum())
+    parts = [edges.weight[a : a + n] for a, n in zip(*pieces, strict=True)]
+    sample = np.sort(np.concatenate([part[:: size // 1024 + 1] for part in parts]))
     cuts = [sample[len(sample) * k // THREADS] for k in range(1, THREADS)] if len(sample) else []
     bounds = np.array([-np.inf, *cuts, np.inf])
-    sizes = np.array([np.count_nonzero(weight < bound) for bound in bounds])
-    sizes[-1] = len(weight)
-    order = np.empty(len(weight), np.int32)
-    parts = [(k, k + 1) for k in range(len(bounds) - 1)]
-    for_parts(parts, _sort_between, bounds, sizes, weight, i, j, order)
-    return order
+    starts = np.array([sum(np.count_nonzero(p < bound) for p in parts) for bound in bounds])
+    ascending = no_edges(size)
+    threads = [(k, k + 1) for k in range(len(bounds) - 1)]
+    for_parts(threads, _sort_between, bounds, starts, edges, pieces, ascending)
+    return ascending
 
 
 @kernel
-def _sort_between(part, following, bounds, sizes, weight, i, j, order):
-    start, stop = sizes[part], sizes[following]
+def _sort_between(part, following, bounds, starts, edges, pieces, ascending):
+    weight, i, j = edges
+    start, stop = starts[part], starts[following]
     keys, rows = np.empty(stop - start, np.uint32), np.empty(stop - start, np.int32)
     bits = weight.view(np.uint64)
     count = 0
-    for row in range(len(weight)):
-        if bounds[part] <= weight[row] < bounds[following]:
-            keys[count], rows[count] = bits[row] >> 32, row
-            count += 1
+    for piece in range(len(pieces.start)):
+        begin = pieces.start[piece]
+        for row in range(begin, begin + pieces.count[piece]):
+            if bounds[part] <= weight[row] < bounds[following]:
+                keys[count], rows[count] = bits[row] >> 32, row
+                count += 1
     _radix(keys, rows)
     first = 0
     for last in range(1, count + 1):
@@ -46,7 +72,10 @@ def _sort_between(part, following, bounds, sizes, weight, i, j, order):
             elif last - first > SHORT:
                 _heap(rows[first:last], weight, i, j)
             first = last
-    order[start:stop] = rows
+    to_weight, to_i, to_j = ascending
+    for k in range(count):
+        row = rows[k]
+        to_weight[start + k], to_i[start + k], to_j[start + k] = weight[row], i[row], j[row]
 
 
 @kernel

@@ -85,7 +85,8 @@ class Window:
         expired = old.arrival[gone & (old.fate == TAKES_PART)]
         late = times <= self.start_ns  # possible, within max_lateness of a short window
         comes = takes_part & ~late
-        arrived, serial = new.position[comes] - self.origin, new.arrival[comes]
+        arrived = chosen(new.position, comes) - self.origin
+        serial = chosen(new.arrival, comes)
         self._arrived += len(times)
         self._move(gone, new, sweep.fields, ~late)
         self.frame_id, self.started = sweep.frame_id, True
@@ -102,8 +103,8 @@ class Window:
         old_fields = self.fields
         for column, rows in zip(self._columns, new, strict=True):
             column.drop(gone)
-            column.append(rows[stays])
-        come = None if fields is None else fields[stays]
+            column.append(chosen(rows, stays))
+        come = None if fields is None else chosen(fields, stays)
         if self._fields is not None and come is not None and come.dtype == self._fields.dtype:
             self._fields.drop(gone)
             self._fields.append(come)
@@ -115,7 +116,7 @@ class Window:
     def _fate(self, sweep: Sweep, budget: float) -> Array:
         """Who takes part; `budget` points at most, about, spread evenly by their serial number."""
         with np.errstate(invalid="ignore"):
-            good = (np.abs(sweep.points) <= LARGEST).all(axis=1)
+            good = np.abs(sweep.points).max(axis=1, initial=0.0) <= LARGEST
         fate = np.where(good, TAKES_PART, REJECTED).astype(np.int8)
         if len(fate) > budget:
             serial = np.arange(self._arrived, self._arrived + len(fate), dtype=np.uint64)
@@ -138,9 +139,15 @@ class Window:
         return config.max_points_per_second * max(span, since)
 
 
+def chosen(rows: Array, mask: Array) -> Array:
+    """The rows where `mask` (n,) bool; as they are where that is all, which is the rule."""
+    return rows if mask.all() else rows[mask]
+
+
 def _origin(points: Array) -> Array | None:
-    """The median, in whole kilometres, so that subtracting it is exact; zero near zero."""
+    """The median of some, in whole kilometres: subtracting it is exact; zero near zero."""
     if not len(points):
         return None
-    kilometres: Array = np.floor(np.median(points, axis=0) / 1000.0 + 0.5)
+    some = points[:: len(points) // 1000 + 1]
+    kilometres: Array = np.floor(np.median(some, axis=0) / 1000.0 + 0.5)
     return kilometres * 1000.0
