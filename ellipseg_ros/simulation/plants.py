@@ -6,8 +6,8 @@ from ellipseg_ros.simulation.shapes import Class, Frame, Material, Model
 
 BARK = Material(Class.POLE, 0.35)
 FALLEN = Material(Class.OTHER, 0.3)
-LEAVES = Material(Class.VEGETATION, 0.12, density=0.35)
-NEEDLES = Material(Class.VEGETATION, 0.1, density=0.5)
+LEAVES = Material(Class.VEGETATION, 0.1, density=0.6)
+NEEDLES = Material(Class.VEGETATION, 0.09, density=0.8)
 SHRUB = Material(Class.VEGETATION, 0.3, density=2.5)
 
 
@@ -20,7 +20,7 @@ def broadleaf(model: Model, at: Frame, rng: np.random.Generator, height: float) 
     model.cone(at, BARK, ((0.0, 0.0, -0.1), fork), (thick, 0.75 * thick))
     top = (1.3 * fork[0], 1.3 * fork[1], 0.8 * height)
     model.cone(at, BARK, (fork, top), (0.7 * thick, 0.2 * thick))
-    spread = height * rng.uniform(0.2, 0.27)
+    spread = height * rng.uniform(0.16, 0.22)
     boughs = int(rng.integers(4, 7))
     for k in range(boughs):
         turn = 2.0 * np.pi * (k + rng.uniform(-0.3, 0.3)) / boughs
@@ -50,7 +50,7 @@ def conifer(model: Model, at: Frame, rng: np.random.Generator, height: float) ->
         turn, out = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 1.2)
         tip = (out * np.cos(turn), out * np.sin(turn), z + rng.uniform(-0.2, 0.3))
         model.cone(at, BARK, ((0.0, 0.0, z), tip), (0.03, 0.02))
-    widest = height * rng.uniform(0.12, 0.17)
+    widest = height * rng.uniform(0.1, 0.14)
     whorls = 6
     for k in range(whorls):
         share = (k + 0.5) / whorls

@@ -15,7 +15,7 @@ from ellipseg_ros.simulation.shapes import Frame, turned
 
 ANGLES = np.radians(np.arange(-90.0, 91.0))  # of the beams, from the forward axis
 LINES_PER_SECOND = 75
-SPIN = np.pi  # rad/s: 0.5 Hz
+SPIN = 1.0041 * np.pi  # rad/s: 0.5 Hz, but as with any motor no whole number of lines a turn
 HEIGHT = 1.9  # m above the ground
 NEAREST, FARTHEST = 0.6, 40.0  # m
 STRENGTH = 3.0e3  # m^2: a return of signal 1 / STRENGTH m^-2 comes in 63 % of cases

@@ -15,7 +15,7 @@ from ellipseg_ros.simulation.rays import Terrain
 from ellipseg_ros.simulation.scanner import Path, make_path
 from ellipseg_ros.simulation.shapes import Class, Material, Model, Shapes
 
-BEFORE, AFTER = 40.0, 60.0  # m of scene behind the start and beyond the end
+BEFORE, AFTER = 40.0, 110.0  # m of scene behind the start and beyond the end
 PAVING = Material(Class.GROUND, 0.35)
 INWARD = np.pi  # yaw of a thing on the right side whose y looks away from the lane
 
@@ -257,8 +257,8 @@ def _wires(site: Site, d: float) -> None:
 
 
 def _woodland(site: Site) -> None:
-    _forest(site, 3.0, 26.0, 3.3)
-    _forest(site, -26.0, -3.0, 3.3)
+    _forest(site, 3.0, 26.0, 3.6)
+    _forest(site, -26.0, -3.0, 3.6)
     _undergrowth(site, 2.6, 14.0, 1.6)
     _undergrowth(site, -14.0, -2.6, 1.6)
 
@@ -313,7 +313,7 @@ def _mixed(site: Site) -> None:
 
 
 LAYOUTS = {
-    "woodland": Layout(_woodland, 0.45, 0.35, 0.035, 0.16),
+    "woodland": Layout(_woodland, 0.45, 0.35, 0.035, 0.13),
     "industrial": Layout(_industrial, 0.18, 0.07, 0.0, 0.3),
     "roadway": Layout(_roadway, 0.35, 0.1, 0.0, 0.25),
     "mixed": Layout(_mixed, 0.35, 0.18, 0.008, 0.22),
