@@ -103,6 +103,7 @@ def _replay(source: Source, settings: Settings, folder: Path, args: Namespace) -
         say("starting the node, which compiles its kernels the first time ...", args)
         node_args = [*namespace, "--params-file", str(parameters)]
         node = stack.enter_context(NodeProcess(node_args, folder / LOG, give_up))
+        node.start()
         recorder.wait_for_topics(START)
         bar = stack.enter_context(progress(source.count, "clouds", args))
         sent, updates = _send(replayer, recorder, settings, bar)

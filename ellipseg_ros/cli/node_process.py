@@ -3,7 +3,8 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
@@ -14,7 +15,7 @@ FAREWELL = 10.0  # s that the node gets to end before it is killed
 
 
 class NodeProcess:
-    """A running segmenter; a context manager.
+    """A segmenter that `start` starts; a context manager, which ends it whatever happens.
 
     args: `--ros-args ...` of the node. log: file for all that it prints.
     on_death: called, in another thread, with the reason if it ends before `stop` is called.
@@ -25,20 +26,24 @@ class NodeProcess:
         self._log = log
         self._on_death = on_death
         self._asked = False
+        self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> "NodeProcess":
-        with self._log.open("wb") as log:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def start(self) -> None:
+        """Start it; raises KeyboardInterrupt only when it can be ended again."""
+        with self._log.open("wb") as log, interrupts_held_back():
             self._process = subprocess.Popen(
                 [sys.executable, "-c", START, *self._args],
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,  # Ctrl-C ends it through us, in order
             )
-        Thread(target=self._watch, name="node", daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._end()
+        Thread(target=self._watch, args=[self._process], name="node", daemon=True).start()
 
     def stop(self) -> None:
         """End it as Ctrl-C does; raises EllipsegError if it does not end well."""
@@ -48,24 +53,45 @@ class NodeProcess:
 
     def peak_memory_mb(self) -> float:
         """Most memory that it has held so far, in MB (10^6 bytes)."""
+        assert self._process is not None  # it is for after `start`
         status = Path(f"/proc/{self._process.pid}/status").read_text()
         kib = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
         return round(int(kib) * 1024 / 1e6, 1)
 
     def _end(self) -> int:
         self._asked = True
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+        process = self._process
+        if process is None:
+            return 0
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
         try:
-            return self._process.wait(FAREWELL)
+            return process.wait(FAREWELL)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            return self._process.wait()
+            process.kill()
+            return process.wait()
         except BaseException:  # a second Ctrl-C
-            self._process.kill()
+            process.kill()
             raise
 
-    def _watch(self) -> None:
-        code = self._process.wait()
+    def _watch(self, process: subprocess.Popen[bytes]) -> None:
+        code = process.wait()
         if not self._asked:
             self._on_death(f"the node ended too early, with {code}; see {self._log}")
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait for the end of the block: a child half started would be lost."""
+    came: list[int] = []
+    usual = {
+        number: signal.signal(number, lambda which, _: came.append(which))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt

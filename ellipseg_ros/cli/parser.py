@@ -19,6 +19,7 @@ EXAMPLES = """examples:
   ellipseg simulate industrial -o yard      write a simulated drive as a bag
   ellipseg replay yard --rate 2             publish a bag for a node that runs
   ellipseg demo                             node, replay and check, in one go
+  ellipseg bench --quick                    how fast it is on this machine
 `ellipseg COMMAND --help` tells more."""
 
 SIMULATE = """example:
@@ -41,6 +42,12 @@ DEMO = """examples:
   ellipseg demo --data drive.mcap --topic /velodyne/registered -o drive_demo"""
 
 
+BENCH = """examples:
+  ellipseg bench                            all of it, about ten minutes
+  ellipseg bench --quick --only batch peers
+  ellipseg bench -o docs                    write docs/benchmarks.md, .json and .png"""
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of `ellipseg`; `args.command` names the module in cli/ that runs."""
     parser = argparse.ArgumentParser(
@@ -59,6 +66,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
+    _bench(_command(commands, "bench", "measure speed, latency and memory, beside others", BENCH))
     return parser
 
 
@@ -124,6 +132,20 @@ def _demo(command: argparse.ArgumentParser) -> None:
     command.add_argument("-o", "--output", default="demo", metavar="DIR", help="results (demo)")
     _settings(command)
     command.add_argument("--no-pictures", action="store_true", help="write no pictures")
+    _talk(command)
+
+
+def _bench(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--quick", action="store_true", help="small windows, about two minutes")
+    command.add_argument(
+        "--only",
+        nargs="+",
+        metavar="SECTION",
+        help="batch, peers, stages, updates, length, density, data, publishing, latency, memory, "
+        "start",
+    )
+    command.add_argument("--data", default="", metavar="SOURCE", help="a recording to use, too")
+    command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
     _talk(command)
 
 
