@@ -151,6 +151,21 @@ def test_not_finite_and_absurd_points_are_rejected_and_change_nothing():
     assert np.array_equal(found.ellipsoids.covariance, clean.ellipsoids.covariance)
 
 
+@pytest.mark.parametrize(("criterion", "tau"), CRITERIA)
+def test_shared_between_any_number_of_threads_the_walk_finds_the_same(criterion, tau, monkeypatch):
+    points = street(4000, np.random.default_rng(15))
+    config = Config(criterion=criterion, threshold=tau)
+    alone = segment(points, config)
+    monkeypatch.setattr("ellipseg_ros.core.merge.SLABBED", 0)
+    for threads in (1, 2, 3, 7):
+        monkeypatch.setattr("ellipseg_ros.core.merge.THREADS", threads)
+        shared = segment(points, config)
+        assert np.array_equal(alone.labels, shared.labels)
+        assert np.array_equal(
+            alone.ellipsoids.model_covariance, shared.ellipsoids.model_covariance
+        )
+
+
 def test_large_coordinates_lose_nothing():
     points = np.round(street(2000, np.random.default_rng(4)) * 1024) / 1024
     near, far = segment(points), segment(points + 5e6)

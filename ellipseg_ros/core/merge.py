@@ -16,8 +16,8 @@ import numpy as np
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.criteria import density_distance, segment_aicc, shape_distance
 from ellipseg_ros.core.disjoint_set import find
-from ellipseg_ros.core.ellipsoids import WIDTH, unite
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.ellipsoids import MEAN, WIDTH, unite
+from ellipseg_ros.core.jit import THREADS, for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
 from ellipseg_ros.core.sorting import Edges
 from ellipseg_ros.data import Array
@@ -26,6 +26,7 @@ SHAPE, DENSITY, PARSIMONY = range(
     len(CRITERIA)
 )  # numbers for the kernels, in the order of CRITERIA
 NONE = -1  # no parent, no child
+SLABBED = 20_000  # vertices from which on a walk anew is shared between threads
 
 
 class Forest(NamedTuple):
@@ -125,13 +126,47 @@ class Merge:
             _aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
         events = _no_events(len(forest.parent) + 1)
         _begin(forest, dirty, change.gone, events)
-        _walk(forest, edges, rule, events)
+        if np.count_nonzero(dirty) > SLABBED and np.array_equal(dirty, change.member):
+            dirty = self._walk_slabs(edges, dirty)
+            _begin(forest, dirty, np.zeros_like(dirty), events)
+        _walk(forest, edges, rule, events, 1)
         labels = np.full(len(change.member), -1, np.int32)
         roots = np.empty(np.count_nonzero(change.member), np.int32)
         roots = roots[: _label(forest.above, change.member, labels, roots)]
         aicc = np.empty(len(forest.parent))
         _aicc_of(forest.nodes, roots, rule.noise, aicc)
         return Merged(roots, labels, aicc[roots])
+
+    def _walk_slabs(self, edges: Edges, member: Array) -> Array:
+        """Walk the edges within slabs of space, one a thread; returns the ends of the others.
+
+        That is the walk of a graph without the others; with their ends dirty, the whole one is the
+        next update. So the slabs change the time, not the result.
+        """
+        forest = self._forest
+        rows = np.flatnonzero(member)
+        means = forest.nodes[rows, MEAN : MEAN + 3]
+        x = means[:, np.argmax(np.ptp(means, axis=0))]
+        cuts = np.quantile(x[:: len(x) // 1024 + 1], np.arange(1, THREADS) / THREADS)
+        slab = np.full(len(member), -1, np.int8)
+        slab[rows] = np.searchsorted(cuts, x)
+        unions = np.split(forest.free[:-1], np.cumsum(np.bincount(slab[rows], minlength=THREADS)))
+        forests = [
+            forest._replace(awake=slab == k, free=np.append(free, np.int32(len(free))))
+            for k, free in enumerate(unions[:THREADS])
+        ]
+        parts = [(k, k + 1) for k in range(THREADS)]
+        for_parts(parts, self._walk_slab, forests, edges)
+        left = [*(f.free[: f.free[-1]] for f in forests), *unions[THREADS:]]
+        count = sum(map(len, left))
+        forest.free[:count], forest.free[-1] = np.concatenate(left), count
+        ends = np.zeros(len(member), bool)
+        across = slab[edges.i] != slab[edges.j]
+        ends[edges.i[across]] = ends[edges.j[across]] = True
+        return ends
+
+    def _walk_slab(self, k: int, _: int, forests: list[Forest], edges: Edges) -> None:
+        _walk(forests[k], edges, self._rule, _no_events(0), 2)
 
 
 def _new_forest(capacity: int) -> Forest:
@@ -224,8 +259,8 @@ def _release(union, parent, left, right, free):
 
 
 @kernel
-def _walk(forest, edges, rule, events):  # noqa: PLR0915  # split, it takes 1.5 times as long
-    """Test the edges that have an awake end."""
+def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it takes 1.5 times as long
+    """Test the edges that have at least so many awake ends."""
     weight, edge_i, edge_j = edges
     nodes, extra, awake, free = forest.nodes, forest.extra, forest.awake, forest.free
     above, made_weight = forest.above, forest.made_weight
@@ -237,7 +272,7 @@ def _walk(forest, edges, rule, events):  # noqa: PLR0915  # split, it takes 1.5 
         w, i, j = weight[e], edge_i[e], edge_j[e]
         while pending[0] > 0 and not _is_before(w, i, j, next_weight[0], next_i[0], next_j[0]):
             _wake(_pop(events), forest)
-        if not (awake[i] or awake[j]):
+        if awake[i] + awake[j] < ends:
             continue
         # Each end's highest ancestor made before this edge. Halving the path to it is allowed,
         # as edges only ascend.
