@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ellipseg_ros.config import Config
+from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.edges import Renewed, renumbered, update_edges
 from ellipseg_ros.core.ellipsoids import (
     EIGENVALUES,
@@ -36,6 +36,20 @@ def segment(
     """
     config = replace(config or Config(), max_points_per_second=0)
     return Segmenter(config, origin).process(Sweep(stamp_ns=0, points=points))
+
+
+def warm_up(config: Config | None = None) -> None:
+    """Compile every kernel, or load it from the cache, on a few points.
+
+    Later, no update waits for the compiler, whatever the criterion changes to.
+    """
+    rng = np.random.default_rng(0)
+    for criterion in CRITERIA:
+        settings = replace(config or Config(), criterion=criterion, window_duration=3.0)
+        segmenter = Segmenter(settings)
+        for second in range(8):
+            points = rng.uniform(0.0, 2.0, (40, 3)) + [0.5 * second, 0.0, 0.0]
+            segmenter.process(Sweep(stamp_ns=second * SECOND, points=points))
 
 
 class Segmenter:

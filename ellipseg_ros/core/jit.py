@@ -5,13 +5,39 @@ two Python threads at once, or a fork, and compile much longer. Row i of a resul
 alone, so the number of threads cannot change it.
 """
 
+import atexit
 import os
+import shutil
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 from numba import config, njit
 
+
+def _have_cache() -> None:
+    """Give the compiler a folder to cache in where it finds none of its own.
+
+    numba caches beside the module or in ~/.cache/numba (NUMBA_CACHE_DIR: where you like), and
+    refuses to start where it may write to neither: then a folder of this process has to do.
+    """
+    beside = Path(__file__).parent / "__pycache__"
+    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    if not config.CACHE_DIR and not any(_may_write(folder) for folder in (beside, home)):
+        config.CACHE_DIR = tempfile.mkdtemp(prefix="ellipseg_ros-")
+        atexit.register(shutil.rmtree, config.CACHE_DIR, ignore_errors=True)
+
+
+def _may_write(folder: Path) -> bool:
+    """Whether one may write to a folder, or to the nearest above it that exists."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return os.access(folder, os.W_OK)
+
+
+_have_cache()
 kernel = njit(cache=True, nogil=True, error_model="numpy")
 
 THREADS = len(os.sched_getaffinity(0))

@@ -2,20 +2,18 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Thread
 
-import numpy as np
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from ellipseg_ros.config import CRITERIA, Config
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.config import Config
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Task, Update
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.process import End
-from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.segmenter import Segmenter, warm_up
 
 IDLE = 4.0  # s without a task after which all markers are sent again: they live 10 s
 
@@ -83,9 +81,3 @@ class Worker(Thread):
         self._segmenter.reset(str(error))
         self._around.outputs.clear()
 
-
-def warm_up(config: Config) -> None:
-    """Compile the kernels on a few points, for every criterion: it may change at any time."""
-    points = np.random.default_rng(0).uniform(0.0, 3.0, (100, 3))
-    for criterion in CRITERIA:
-        Segmenter(replace(config, criterion=criterion)).process(Sweep(0, points))

@@ -1,0 +1,77 @@
+"""Compiling: all at the start, and wherever the package is installed."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clouds import stream
+from numba.core.dispatcher import Dispatcher
+
+import ellipseg_ros.core
+from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.data import Sweep
+from ellipseg_ros.grouping import updates
+from ellipseg_ros.segmenter import Segmenter, segment, warm_up
+
+PACKAGE = Path(ellipseg_ros.core.__file__).parents[1]
+
+
+def compiled():
+    """How many versions of every kernel are compiled or loaded."""
+    modules = [m for name, m in sys.modules.items() if name.startswith("ellipseg_ros.core.")]
+    kernels = [
+        value for m in modules for value in vars(m).values() if isinstance(value, Dispatcher)
+    ]
+    return {kernel.py_func.__qualname__: len(kernel.signatures) for kernel in kernels}
+
+
+def test_after_the_warm_up_nothing_is_compiled_any_more():
+    code = "import test_jit; test_jit.warm_then_work()"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parent)
+
+
+def warm_then_work():
+    warm_up()
+    before = compiled()
+    assert len(before) > 20
+    for criterion in CRITERIA:
+        config = Config(criterion=criterion, window_duration=1.0, update_period=0.3)
+        segmenter = Segmenter(config)
+        for group in updates(stream(np.random.default_rng(0), sweeps=60), config):
+            segmenter.process(group)
+        segmenter.configure(Config(criterion="shape", threshold=1.0))
+        segmenter.process(Sweep(10**12, np.zeros((0, 3))))
+    segment(np.random.default_rng(1).random((25_000, 3)))
+    after = compiled()
+    assert after == before, {k: v for k, v in after.items() if before.get(k) != v}
+
+
+@pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"), reason="root may write all")
+def test_without_a_place_for_the_cache_the_package_works_all_the_same(tmp_path):
+    copy = tmp_path / "ellipseg_ros"
+    ignored = shutil.ignore_patterns("__pycache__", "msg", "*.so")
+    shutil.copytree(PACKAGE, copy, ignore=ignored)
+    temporary = tmp_path / "tmp"
+    temporary.mkdir(mode=0o777)
+    temporary.chmod(0o777)
+    for folder in [tmp_path, *(p for p in copy.rglob("*") if p.is_dir()), copy]:
+        folder.chmod(0o555)
+    for folder in [tmp_path, *list(tmp_path.parents)[:2]]:
+        folder.chmod(folder.stat().st_mode | 0o055)
+    code = "from ellipseg_ros.core.eigen import _sign; print(_sign(1.0, -2.0, 0.0))"
+    env = {**os.environ, "HOME": "/nowhere", "PYTHONPATH": str(tmp_path), "TMPDIR": str(temporary)}
+    env.pop("NUMBA_CACHE_DIR", None)
+    env.pop("XDG_CACHE_HOME", None)
+    stranger = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+    command = [*(stranger if os.geteuid() == 0 else []), sys.executable, "-c", code]
+    try:
+        done = subprocess.run(command, env=env, cwd="/", capture_output=True, text=True)
+    finally:
+        for folder in [tmp_path, copy, *(p for p in copy.rglob("*") if p.is_dir())]:
+            folder.chmod(0o755)
+    assert (done.returncode, done.stdout.strip()) == (0, "-1.0"), done.stderr
+    assert not list(temporary.iterdir())  # taken away at the end
