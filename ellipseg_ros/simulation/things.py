@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ellipseg_ros.data import Array
 from ellipseg_ros.simulation.shapes import Class, Frame, Material, Model
 
 METAL = Material(Class.POLE, 0.45)
@@ -103,7 +104,7 @@ def masts_and_wires(model: Model, frames: list[Frame], height: float = 8.5) -> N
             _wire(model, one.point((0.0, y, height - 0.2)), other.point((0.0, y, height - 0.2)))
 
 
-def _wire(model: Model, start: np.ndarray, end: np.ndarray, parts: int = 8) -> None:
+def _wire(model: Model, start: Array, end: Array, parts: int = 8) -> None:
     """Thicker than a wire is, as is the spot of the beam."""
     world = Frame(np.zeros(3), np.eye(3))
     share = np.linspace(0.0, 1.0, parts + 1)[:, None]
