@@ -13,7 +13,7 @@ from ellipseg_ros.core.ellipsoids import (
     segment_moments,
     segment_times,
 )
-from ellipseg_ros.core.merge import Merge, Merged
+from ellipseg_ros.core.merge import SLABBED, Merge, Merged
 from ellipseg_ros.core.neighbours import Change, Neighbours
 from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
@@ -44,6 +44,7 @@ def warm_up(config: Config | None = None) -> None:
     Later, no update waits for the compiler, whatever the criterion changes to.
     """
     rng = np.random.default_rng(0)
+    segment(rng.uniform(0.0, 20.0, (SLABBED + 1, 3)), config)
     for criterion in CRITERIA:
         settings = replace(config or Config(), criterion=criterion, window_duration=3.0)
         segmenter = Segmenter(settings)

@@ -26,7 +26,7 @@ SHAPE, DENSITY, PARSIMONY = range(
     len(CRITERIA)
 )  # numbers for the kernels, in the order of CRITERIA
 NONE = -1  # no parent, no child
-SLABBED = 20_000  # vertices from which on a walk anew is shared between threads
+SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
 
 
 class Forest(NamedTuple):
@@ -145,11 +145,11 @@ class Merge:
         """
         forest = self._forest
         rows = np.flatnonzero(member)
-        means = forest.nodes[rows, MEAN : MEAN + 3]
-        x = means[:, np.argmax(np.ptp(means, axis=0))]
-        cuts = np.quantile(x[:: len(x) // 1024 + 1], np.arange(1, THREADS) / THREADS)
+        some = forest.nodes[rows[:: len(rows) // 1024 + 1], MEAN : MEAN + 3]
+        axis = np.argmax(np.ptp(some, axis=0))
+        cuts = np.quantile(some[:, axis], np.arange(1, THREADS) / THREADS)
         slab = np.full(len(member), -1, np.int8)
-        slab[rows] = np.searchsorted(cuts, x)
+        slab[rows] = np.searchsorted(cuts, forest.nodes[rows, MEAN + axis])
         unions = np.split(forest.free[:-1], np.cumsum(np.bincount(slab[rows], minlength=THREADS)))
         forests = [
             forest._replace(awake=slab == k, free=np.append(free, np.int32(len(free))))
@@ -161,8 +161,7 @@ class Merge:
         count = sum(map(len, left))
         forest.free[:count], forest.free[-1] = np.concatenate(left), count
         ends = np.zeros(len(member), bool)
-        across = slab[edges.i] != slab[edges.j]
-        ends[edges.i[across]] = ends[edges.j[across]] = True
+        _mark_across(edges, slab, ends)
         return ends
 
     def _walk_slab(self, k: int, _: int, forests: list[Forest], edges: Edges) -> None:
@@ -213,6 +212,15 @@ def _move_forest(old, keep, unions, names, new):
             new.made_weight[name] = old.made_weight[node]
             new.made_i[name] = names[old.made_i[node]]
             new.made_j[name] = names[old.made_j[node]]
+
+
+@kernel
+def _mark_across(edges, slab, ends):
+    """Mark the ends of the edges between slabs."""
+    left, right = edges[1], edges[2]
+    for e in range(len(left)):
+        if slab[left[e]] != slab[right[e]]:
+            ends[left[e]] = ends[right[e]] = True
 
 
 @kernel
