@@ -143,6 +143,7 @@ setup(
         "matplotlib",
         "numba",
         "numpy",
+        "pillow",
         "pypcd4",
         "ros-jazzy-builtin-interfaces",
         "ros-jazzy-diagnostic-msgs",

@@ -5,6 +5,7 @@ pyplot would keep a state for the whole process.
 """
 
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
 
 from ellipseg_ros.colours import NO_SEGMENT, id_colours, shape_colours
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import REJECTED, Array, Segmentation
+from ellipseg_ros.data import ISOLATED, Array, Segmentation
 
 WIDTH, DPI = 1600, 100  # px, 1/inch
 HEADER, FOOTER, MARGIN = 84, 120, 24  # px
@@ -78,12 +80,12 @@ class _Scene:
     depth: Array  # (n,) m: towards the eye
     axes: Array  # (3, 3): rows right, up, towards the eye, in the world
     centre: Array  # (3,) m: in the middle of the picture
-    shown: Array  # (n,) bool: all but rejected points
+    shown: Array  # (n,) bool: all but rejected and thinned points
 
 
 def _scene(found: Segmentation, view: View) -> _Scene:
     """Turn the points of the window so that the view looks at them."""
-    shown = found.labels != REJECTED
+    shown = found.labels >= ISOLATED  # thinned points would hide the others
     points = found.points[shown]
     centre = np.median(points, axis=0) if len(points) else np.zeros(3)
     seen = np.zeros((len(shown), 3))
@@ -191,9 +193,11 @@ class _Picture:
     def header(self, title: str, found: Segmentation, note: str) -> None:
         """Write what is shown, and the numbers of the model."""
         self._text(MARGIN, self.height - 34, title, size=19, weight="bold")
-        points = max(1, found.counts.segmented)
+        counts = found.counts
+        points = max(1, counts.segmented)
+        thinned = f" of {len(found.labels):,}, thinned" if counts.thinned else ""
         facts = (
-            f"{len(found.labels):,} points",
+            f"{counts.segmented + counts.isolated:,} points{thinned}",
             f"{len(found.ellipsoids):,} segments",
             f"criterion {found.criterion}, threshold {found.threshold:g}",
             f"AICc {found.aicc:,.0f} ({found.aicc / points:.2f} a point)",
@@ -237,8 +241,11 @@ class _Picture:
         self._text(left + wide + 6, 28, "cylinder")
 
     def save(self, path: Path) -> None:
-        """Write the PNG."""
-        self.figure.savefig(path, dpi=DPI, facecolor=BACKGROUND)
+        """Write the PNG, with a palette: a third of the size, and hardly a difference."""
+        drawn = BytesIO()
+        self.figure.savefig(drawn, format="png", pil_kwargs={"compress_level": 1})
+        with Image.open(drawn) as image:
+            image.convert("RGB").quantize(256).save(path, "PNG", optimize=True)
 
     def _place(self, x: float, y: float, wide: float, tall: float) -> Box:
         return x / WIDTH, y / self.height, wide / WIDTH, tall / self.height

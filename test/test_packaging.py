@@ -20,9 +20,10 @@ TESTS = sorted((ROOT / "test").rglob("*.py"))
 MESSAGES = sorted((ROOT / "msg").glob("*.msg"))
 
 # Where the name of an import isn't that of the package on PyPI.
-ON_PYPI = {"yaml": "PyYAML"}
+ON_PYPI = {"PIL": "pillow", "yaml": "PyYAML"}
 # Where the key of rosdep isn't python3-<name>. None: there is no key; package.xml says so.
 IN_ROSDEP = {
+    "PIL": "python3-pil",
     "laspy": None,
     "pypcd4": None,
     "rosbags": "python3-rosbags-pip",
