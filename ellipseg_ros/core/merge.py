@@ -199,19 +199,35 @@ def _no_events(capacity: int) -> Events:
 @kernel
 def _move_forest(old, keep, unions, names, new):
     """Copy the vertices `keep` and the unions to where `names` says: ascending, maybe in place."""
+    for column, other in ((old.extra, new.extra), (old.made_weight, new.made_weight)):
+        _copy(column, keep, names, other)
+        _copy(column, unions, names, other)
+    for link, other in (
+        (old.parent, new.parent),
+        (old.left, new.left),
+        (old.right, new.right),
+        (old.made_i, new.made_i),
+        (old.made_j, new.made_j),
+    ):
+        _relink(link, keep, names, other)
+        _relink(link, unions, names, other)
+    nodes, new_nodes = old.nodes, new.nodes
     for which in (keep, unions):
         for k in range(len(which)):
-            node = which[k]
-            name = names[node]
-            for column in range(old.nodes.shape[1]):
-                new.nodes[name, column] = old.nodes[node, column]
-            new.extra[name] = old.extra[node]
-            new.parent[name] = names[old.parent[node]]
-            new.left[name] = names[old.left[node]]
-            new.right[name] = names[old.right[node]]
-            new.made_weight[name] = old.made_weight[node]
-            new.made_i[name] = names[old.made_i[node]]
-            new.made_j[name] = names[old.made_j[node]]
+            for column in range(nodes.shape[1]):
+                new_nodes[names[which[k]], column] = nodes[which[k], column]
+
+
+@kernel
+def _copy(column, which, names, new):
+    for k in range(len(which)):
+        new[names[which[k]]] = column[which[k]]
+
+
+@kernel
+def _relink(link, which, names, new):
+    for k in range(len(which)):
+        new[names[which[k]]] = names[link[which[k]]]
 
 
 @kernel
