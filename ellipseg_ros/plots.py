@@ -245,7 +245,8 @@ class _Picture:
         drawn = BytesIO()
         self.figure.savefig(drawn, format="png", pil_kwargs={"compress_level": 1})
         with Image.open(drawn) as image:
-            image.convert("RGB").quantize(256).save(path, "PNG", optimize=True)
+            full = image.convert("RGB")
+        full.quantize(palette=full.quantize(256)).save(path, "PNG", optimize=True)  # dithered
 
     def _place(self, x: float, y: float, wide: float, tall: float) -> Box:
         return x / WIDTH, y / self.height, wide / WIDTH, tall / self.height
