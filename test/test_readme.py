@@ -80,6 +80,13 @@ def test_the_links_lead_somewhere(page: Path) -> None:
     assert not missing
 
 
+def test_the_pictures_are_small_and_used() -> None:
+    text = "".join(page.read_text() for page in PAGES)
+    for picture in (ROOT / "docs" / "images").iterdir():
+        assert picture.stat().st_size < 500_000
+        assert f"images/{picture.name})" in text
+
+
 def test_the_launch_files_and_executables_exist() -> None:
     setup = (ROOT / "setup.py").read_text()
     for page in PAGES:
