@@ -80,7 +80,7 @@ $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml 
 	# with them, since it bounds the version of numpy.
 	sed -n '/^requires = \[/,/^\]/s/^ *"\([^"]*\)",.*/\1/p' pyproject.toml > .venv/build.txt
 	"$${install[@]}" -r .venv/build.txt numba
-	"$${install[@]}" --no-build-isolation -e '.[bench,test]'
+	"$${install[@]}" --no-build-isolation -e '.[test]'
 	echo '$(CURDIR)' > $(READY)
 
 demo: setup

@@ -9,19 +9,26 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ellipseg_ros.core import edges, ellipsoids, merge, neighbours, tracking, window
+from ellipseg_ros import segmenter
+from ellipseg_ros.core.merge import Merge
+from ellipseg_ros.core.neighbours import Neighbours
+from ellipseg_ros.core.tracking import Tracker
+from ellipseg_ros.core.window import Window
 from ellipseg_ros.segmenter import Segmenter
 
-OTHER = "result"
+OTHER = "the rest"  # what `process` does itself
 STAGES: list[tuple[str, Any, str]] = [  # stage, owner of the call, its name there
-    ("window", window, "push"),
-    ("neighbours", neighbours, "find_neighbours"),
-    ("ellipsoids", ellipsoids, "initial_ellipsoids"),
-    ("ellipsoids", ellipsoids, "neighbour_masses"),
-    ("edges", edges, "find_edges"),
-    ("merge", merge, "merge"),
-    (OTHER, ellipsoids, "segment_moments"),
-    ("ids", tracking.Tracker, "assign"),
+    ("window", Window, "push"),
+    ("neighbours", Neighbours, "update"),
+    ("ellipsoids", segmenter, "initial_ellipsoids"),
+    ("ellipsoids", segmenter, "neighbour_masses"),
+    ("edges", segmenter, "update_edges"),
+    ("merge", Merge, "widened"),
+    ("merge", Merge, "update"),
+    ("renumbering", Segmenter, "_make_room"),
+    ("ids", Tracker, "assign"),
+    ("result", Segmenter, "_result"),
+    (OTHER, Segmenter, "process"),
 ]
 NAMES = tuple(dict.fromkeys(name for name, _, _ in STAGES))
 
@@ -54,9 +61,8 @@ class Clock:
 def watched() -> Iterator[Clock]:
     """Time the stages of everything that is segmented in this block."""
     clock = Clock()
-    calls = [(Segmenter, "process", OTHER), *((owner, call, name) for name, owner, call in STAGES)]
-    originals = [(owner, call, getattr(owner, call)) for owner, call, _ in calls]
-    for owner, call, name in calls:
+    originals = [(owner, call, getattr(owner, call)) for _, owner, call in STAGES]
+    for name, owner, call in STAGES:
         setattr(owner, call, clock.around(name, getattr(owner, call)))
     try:
         yield clock

@@ -136,7 +136,7 @@ def _demo(command: argparse.ArgumentParser) -> None:
 
 
 def _bench(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--quick", action="store_true", help="small windows, about two minutes")
+    command.add_argument("--quick", action="store_true", help="small windows, a minute or two")
     command.add_argument(
         "--only",
         nargs="+",

@@ -1,14 +1,14 @@
-"""Sections that need no ROS: batch, peers, stages, updates, window length, density."""
+"""Sections about streams, without ROS: updates, stages, length, density, a recording."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.benchmark import peers, stages
+from ellipseg_ros.benchmark import stages
+from ellipseg_ros.benchmark.batch import Section, batch_case, batch_points, knn
 from ellipseg_ros.benchmark.streams import (
     RATE,
     SCENE,
@@ -31,76 +31,7 @@ from ellipseg_ros.simulator import SWEEPS_PER_SECOND, simulate
 # Thresholds at which the ground is a few pieces, or one.
 COARSE = {"shape": (20.0, 40.0), "density": (0.1,), "parsimony": (20_000.0,)}
 SHORT, LONG = 0.1, 1.0  # s: update periods
-PATIENCE = 5.0  # s: a peer that takes longer is run once
 TOTAL = "all"
-Section = dict[str, Any]
-
-
-# --- one window ------------------------------------------------------------------------------
-
-
-def batch(sizes: Sizes) -> Section:
-    """`segment()` against the neighbour search of small_gicp, for every criterion."""
-    points = _window(sizes)
-    calls = {name: partial(segment, points, Config(criterion=name)) for name in CRITERIA}
-    times = in_turn(calls | _knn(points), sizes.runs)
-    cases = [_batch_case(name, points, times) for name in CRITERIA]
-    result: Section = {"points": len(points), "cases": cases}
-    if "knn" not in times:
-        return result | {"missing": {peers.KNN.name: peers.load(peers.KNN)[1]}}
-    return result | {"knn_ms": milliseconds(times["knn"])}
-
-
-def _knn(points: Array) -> dict[str, Callable[[], Any]]:
-    """The search that a batch is compared with, if it is installed."""
-    module, _ = peers.load(peers.KNN)
-    return {} if module is None else {"knn": peers.KNN.prepare(module, points)}
-
-
-def _batch_case(criterion: str, points: Array, times: dict[str, list[float]]) -> Section:
-    found = segment(points, Config(criterion=criterion))
-    case: Section = {
-        "criterion": criterion,
-        "threshold": found.threshold,
-        "segments": len(found.ids),
-        "batch_ms": milliseconds(times[criterion]),
-    }
-    if "knn" in times:
-        case["ratio"] = ratio(times[criterion], times["knn"])
-    return case
-
-
-def peer_times(sizes: Sizes) -> Section:
-    """Everything that others do with the same points, and what one batch takes beside it."""
-    points = _window(sizes)
-    calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, Config())}
-    missing = {}
-    for peer in peers.PEERS:
-        module, why = peers.load(peer)
-        if module is None:
-            missing[peer.name] = why
-        else:
-            calls[peer.name] = peer.prepare(module, points)
-    times = in_turn(calls, max(1, sizes.runs // 2), PATIENCE)
-    rows = [
-        {"name": peer.name, "about": peer.about, "version": peers.version_of(peer)}
-        | {"ms": milliseconds(times[peer.name])}
-        for peer in peers.PEERS
-        if peer.name in times
-    ]
-    return {
-        "points": len(points),
-        "ellipseg_ms": milliseconds(times["ellipseg"]),
-        "peers": rows,
-        "missing": missing,
-    }
-
-
-def _window(sizes: Sizes) -> Array:
-    return window_points(simulate(SCENE, duration=sizes.window), sizes.window, sizes.points)
-
-
-# --- a stream --------------------------------------------------------------------------------
 
 
 @dataclass
@@ -135,7 +66,7 @@ class Pairs:
 
 def updates(sizes: Sizes) -> Section:
     """Updates against batch, at the thresholds of least AICc and at coarse ones."""
-    points = _window(sizes)
+    points = batch_points(sizes)
     cases = []
     for criterion in CRITERIA:
         best = _best_threshold(points, criterion, sizes)
@@ -213,13 +144,18 @@ def stage_times(sizes: Sizes) -> Section:
     columns = {"batch": _watch([in_one_go(found, segmenter.config)] * sizes.runs)}
     for title, period, count in (("1 s", LONG, sizes.seconds), ("0.1 s", SHORT, sizes.tenths)):
         sweeps = steps(drive, period, count)
-        columns[title] = _watch(partial(segmenter.process, sweep) for sweep in sweeps)
+        columns[title] = _watch(partial(_update, segmenter, sweep) for sweep in sweeps)
         _fill([segmenter], drive, SHORT, SETTLE * SHORT)
     rows = [
         {"stage": name} | {title: milliseconds(times[name]) for title, times in columns.items()}
         for name in (*stages.NAMES, TOTAL)
     ]
     return {"points": int((found.labels >= ISOLATED).sum()), "stages": rows}
+
+
+def _update(segmenter: Segmenter, sweep: Sweep) -> Segmentation:
+    """One update; `process` is looked up only here, when it is watched."""
+    return segmenter.process(sweep)
 
 
 def _watch(calls: Iterable[Callable[[], Segmentation]]) -> dict[str, list[float]]:
@@ -303,13 +239,13 @@ def real(spec: str, sizes: Sizes) -> Section:
     drive = thinned(source, share)
     cases = _cases({"criterion": "shape"}, Config(window_duration=few.window), drive, few)
     points = window_points(thinned(source, share), few.window)
-    calls = {"shape": partial(segment, points, Config())} | _knn(points)
+    calls = {"shape": partial(segment, points, Config())} | knn(points)
     times = in_turn(calls, few.runs)
     return {
         "source": source.name,
         "window_s": few.window,
         "points_per_second": round(min(share, 1.0) * points_per_second(source)),
         "points": len(points),
-        "batch": _batch_case("shape", points, times),
+        "batch": batch_case("shape", points, times),
         "cases": cases,
     }

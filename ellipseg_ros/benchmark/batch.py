@@ -1,0 +1,79 @@
+"""Sections about one cloud: batch, peers."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from ellipseg_ros.benchmark import peers
+from ellipseg_ros.benchmark.streams import SCENE, Sizes, window_points
+from ellipseg_ros.benchmark.timing import in_turn, milliseconds, ratio
+from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.data import Array
+from ellipseg_ros.segmenter import segment
+from ellipseg_ros.simulator import simulate
+
+PATIENCE = 5.0  # s: a peer that takes longer is run once
+Section = dict[str, Any]
+
+
+def batch(sizes: Sizes) -> Section:
+    """`segment()` against the neighbour search of small_gicp, for every criterion."""
+    points = batch_points(sizes)
+    calls = {name: partial(segment, points, Config(criterion=name)) for name in CRITERIA}
+    times = in_turn(calls | knn(points), sizes.runs)
+    cases = [batch_case(name, points, times) for name in CRITERIA]
+    result: Section = {"points": len(points), "cases": cases}
+    if "knn" not in times:
+        return result | {"missing": {peers.KNN.name: peers.load(peers.KNN)[1]}}
+    return result | {"knn_ms": milliseconds(times["knn"])}
+
+
+def knn(points: Array) -> dict[str, Callable[[], Any]]:
+    """The search that a batch is compared with, if it is installed."""
+    module, _ = peers.load(peers.KNN)
+    return {} if module is None else {"knn": peers.KNN.prepare(module, points)}
+
+
+def batch_case(criterion: str, points: Array, times: dict[str, list[float]]) -> Section:
+    """The times of a criterion, beside those of the search."""
+    found = segment(points, Config(criterion=criterion))
+    case: Section = {
+        "criterion": criterion,
+        "threshold": found.threshold,
+        "segments": len(found.ids),
+        "batch_ms": milliseconds(times[criterion]),
+    }
+    if "knn" in times:
+        case["ratio"] = ratio(times[criterion], times["knn"])
+    return case
+
+
+def peer_times(sizes: Sizes) -> Section:
+    """Everything that others do with the same points, and what one batch takes beside it."""
+    points = batch_points(sizes)
+    calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, Config())}
+    missing = {}
+    for peer in peers.PEERS:
+        module, why = peers.load(peer)
+        if module is None:
+            missing[peer.name] = why
+        else:
+            calls[peer.name] = peer.prepare(module, points)
+    times = in_turn(calls, max(1, sizes.runs // 2), PATIENCE)
+    rows = [
+        {"name": peer.name, "about": peer.about, "version": peers.version_of(peer)}
+        | {"ms": milliseconds(times[peer.name])}
+        for peer in peers.PEERS
+        if peer.name in times
+    ]
+    return {
+        "points": len(points),
+        "ellipseg_ms": milliseconds(times["ellipseg"]),
+        "peers": rows,
+        "missing": missing,
+    }
+
+
+def batch_points(sizes: Sizes) -> Array:
+    """The simulated points that batches are made of."""
+    return window_points(simulate(SCENE, duration=sizes.window), sizes.window, sizes.points)

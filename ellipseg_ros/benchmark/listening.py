@@ -1,0 +1,93 @@
+"""The other end of the listener process: waits for what it tells."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from threading import Condition, Thread
+from typing import Any
+
+from ellipseg_ros.errors import EllipsegError
+
+START = "import sys; from ellipseg_ros.ros.listener import main; sys.exit(main())"
+TOPICS = 3
+FAREWELL = 10.0  # s
+
+
+class Listening:
+    """A subscriber to the segmenter's topics in a process of its own; a context manager."""
+
+    def __init__(self, ros_args: list[str]) -> None:
+        self._args = ros_args
+        self._changed = Condition()
+        self._matched: set[str] = set()
+        self._gone = ""
+        self.updates: dict[int, int] = {}  # stamp of an update, ns: when its segments came
+        self.diagnostics: dict[str, str] = {}  # the latest
+
+    def __enter__(self) -> "Listening":
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", START, *self._args],
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C ends it through us
+        )
+        self._thread = Thread(target=self._read, name="listener", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(FAREWELL)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._thread.join()
+        assert self._process.stdout is not None  # a pipe
+        self._process.stdout.close()
+
+    def give_up(self, reason: str) -> None:
+        """Let everything that waits fail with `reason`; for any thread."""
+        with self._changed:
+            self._gone = self._gone or reason
+            self._changed.notify_all()
+
+    def wait_for_topics(self, timeout: float) -> None:
+        """Wait until all topics are published; raises EllipsegError after `timeout` s."""
+        self._wait(lambda: len(self._matched) == TOPICS, timeout, "nothing is published")
+
+    def wait_for_update(self, stamp_ns: int, timeout: float) -> int:
+        """When the update of this stamp came, ns; raises EllipsegError after `timeout` s."""
+        self._wait(lambda: stamp_ns in self.updates, timeout, "an update has not come")
+        return self.updates[stamp_ns]
+
+    def next_report(self, timeout: float) -> dict[str, str]:
+        """What the segmenter's /diagnostics say from now on; raises EllipsegError likewise."""
+        with self._changed:
+            self.diagnostics = {}
+        self._wait(lambda: bool(self.diagnostics), timeout, "no /diagnostics have come")
+        return self.diagnostics
+
+    def _wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: done() or bool(self._gone), timeout)
+            if self._gone:
+                raise EllipsegError(self._gone)
+            if not done():
+                raise EllipsegError(f"{otherwise} within {timeout:g} s")
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None  # a pipe
+        for line in self._process.stdout:
+            self._take(json.loads(line))
+        self.give_up("the subscriber of the benchmark ended")
+
+    def _take(self, news: dict[str, Any]) -> None:
+        with self._changed:
+            if news.get("publishers"):
+                self._matched.add(news["matched"])
+            if news.get("stamp_ns"):
+                self.updates[news["stamp_ns"]] = news["now_ns"]
+            self.diagnostics = news.get("diagnostics", self.diagnostics)
+            self._changed.notify_all()

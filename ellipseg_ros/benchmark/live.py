@@ -1,0 +1,253 @@
+"""Sections with ROS: publishing, latency and memory of the real node, its start."""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.benchmark.listening import Listening
+from ellipseg_ros.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
+from ellipseg_ros.benchmark.timing import milliseconds, spread, timed
+from ellipseg_ros.cli.node_process import NodeProcess
+from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.data import Segmentation, State, Sweep
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.io.sources import open_source
+from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.ros.probe import Probe, Publisher
+from ellipseg_ros.ros.replayer import Replayer
+from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.simulator import FIELDS, simulate
+
+BLOB = 30  # points of an ellipsoid that is published
+PERIOD = 0.1  # s, between two updates whose latency is measured
+START = 180.0  # s: imports, and the first compilation of all kernels
+PATIENCE = 60.0  # s for one update
+RELIABLE = {"input_reliability": "reliable"}  # so that every cloud comes back
+Section = dict[str, Any]
+
+
+# --- publishing ------------------------------------------------------------------------------
+
+
+def publishing(sizes: Sizes) -> Section:
+    """Build, serialize and publish updates of which everything changed, and others.
+
+    The publisher is the node's, in this process; the subscriber is another process.
+    """
+    found = _many_ellipsoids(sizes.points // BLOB)
+    times: dict[str, list[float]] = {}
+    received: list[float] = []
+    with _domain() as ros_args, Listening(ros_args) as listener, Probe(ros_args) as probe:
+        publisher = probe.outputs()
+        listener.wait_for_topics(START)
+        markers = Markers(NodeConfig())
+        for number in range(2 * sizes.runs + 1):
+            state = State.UPDATED if number % 2 else State.UNCHANGED
+            found = _next_update(found, state)
+            took, ended = timed(partial(_publish, publisher, found))
+            arrived = listener.wait_for_update(found.end_ns, PATIENCE)
+            if number:  # the first one sends everything, whatever its state
+                times.setdefault(f"publish {state.name}", []).append(took)
+            if state is State.UPDATED:
+                received.append(took + (arrived - ended) / SECOND)
+                for name, write in _writers(found, markers).items():
+                    times.setdefault(name, []).append(timed(write)[0])
+    return {
+        "points": len(found.points),
+        "ellipsoids": len(found.ids),
+        "publish_ms": milliseconds(times.pop(f"publish {State.UPDATED.name}")),
+        "publish_unchanged_ms": milliseconds(times.pop(f"publish {State.UNCHANGED.name}")),
+        "received_ms": milliseconds(received),
+        "build_ms": {name: milliseconds(values) for name, values in times.items()},
+        "bytes": {name: len(write()) for name, write in _writers(found, markers).items()},
+    }
+
+
+def _publish(publisher: Publisher, found: Segmentation) -> int:
+    """Publish an update; returns when that was done, ns."""
+    publisher.publish(found)
+    return time.monotonic_ns()
+
+
+def _writers(found: Segmentation, markers: Markers) -> dict[str, Callable[[], bytes]]:
+    """What makes the bytes of each topic; all markers."""
+    return {
+        "segmented_points": lambda: write_labelled(found),
+        "ellipsoids": lambda: markers.update(found, everything=True),
+        "segments": lambda: write_segments(found),
+    }
+
+
+def _many_ellipsoids(count: int) -> Segmentation:
+    """A segmentation of `count` ellipsoids of 30 points, with the simulator's fields."""
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.divmod(np.arange(count), 100), axis=1) * 3.0  # farther than they are wide
+    centres = np.column_stack([grid, np.zeros(count)])
+    points = np.repeat(centres, BLOB, axis=0) + 0.1 * rng.standard_normal((count * BLOB, 3))
+    fields = np.zeros(len(points), FIELDS)
+    for name, column in zip("xyz", points.T, strict=True):
+        fields[name] = column
+    config = Config("parsimony", 1e9)  # whatever is connected is one
+    found = Segmenter(config).process(Sweep(SECOND, points, fields=fields, frame_id="odom"))
+    if not 0.99 * count < len(found.ids) < 1.01 * count:
+        raise EllipsegError(f"{count} blobs became {len(found.ids)} segments; the bench is wrong")
+    return found
+
+
+def _next_update(found: Segmentation, state: State) -> Segmentation:
+    return replace(
+        found,
+        sequence=found.sequence + 1,
+        end_ns=found.end_ns + round(PERIOD * SECOND),
+        state=np.full(len(found.ids), state, np.uint8),
+    )
+
+
+# --- the node --------------------------------------------------------------------------------
+
+
+def latency(sizes: Sizes, data: str = "") -> Section:
+    """From a cloud sent to its segments received, at 10 updates/s and in real time."""
+    window = sizes.window
+    drive = simulate(SCENE, duration=window + sizes.listen)
+    cases = [_latency(f"simulated {SCENE}", drive, window, sizes)]
+    if data:
+        source = open_source(data)
+        share = RATE / points_per_second(source)
+        stamps = [sweep.stamp_ns for sweep in source]
+        span = (max(stamps) - min(stamps)) / SECOND
+        sweeps = list(thinned(source, share))
+        cases.append(_latency(source.name, sweeps, min(window, span / 2.0), sizes))
+    return {"update_period_s": PERIOD, "cases": cases}
+
+
+def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) -> Section:
+    sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
+
+    def note(sweep: Sweep) -> None:
+        sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
+
+    settings = {"update_period": PERIOD, "window_duration": float(window)}
+    with _running(RELIABLE | settings) as (listener, node, ros_args):
+        with Replayer(sweeps, ReplayOptions(clock=False), ros_args) as replayer:
+            listener.wait_for_topics(START)
+            replayer.run(note)
+            listener.wait_for_update(max(sent), PATIENCE)
+        said = listener.next_report(PATIENCE)
+        memory_mb = node.peak_memory_mb()
+    full = min(sent) + round(window * SECOND)
+    times = [
+        (arrived - sent[stamp]) / SECOND
+        for stamp, arrived in listener.updates.items()
+        if stamp >= full and stamp in sent
+    ]
+    return {
+        "stream": name,
+        "window_s": round(window, 1),
+        "points": int(said["points segmented"]) + int(said["points isolated"]),
+        "clouds": sum(stamp >= full for stamp in sent),
+        "latency_ms": _quantiles(times),
+        "diagnostics_ms": {
+            which: round(1e3 * float(said[f"latency {key} [s]"]), 1)
+            for which, key in (("p50", "median"), ("p99", "p99"))
+        },
+        "updates_joined": int(said["updates joined"]),
+        "clouds_lost": int(said["clouds lost by DDS"]),
+        "peak_memory_mb": memory_mb,
+    }
+
+
+def _quantiles(seconds: list[float]) -> dict[str, Any]:
+    p50, p99 = np.percentile(np.array(seconds) * 1e3, [50, 99])
+    return {"p50": round(float(p50), 1), "p99": round(float(p99), 1), "updates": len(seconds)}
+
+
+def memory(sizes: Sizes) -> Section:
+    """Most memory of the node, at its default settings, all topics subscribed."""
+    drive = simulate(SCENE, duration=sizes.window + 5.0)
+    sweeps = list(thinned(drive, sizes.points / sizes.window / points_per_second(drive)))
+    options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, patience=PATIENCE)
+    settings = {"window_duration": sizes.window}
+    with _running(RELIABLE | settings) as (listener, node, ros_args):
+        with Replayer(sweeps, options, ros_args) as replayer:
+            listener.wait_for_topics(START)
+            replayer.run()
+        said = listener.next_report(PATIENCE)
+        most = node.peak_memory_mb()
+    points = int(said["points segmented"]) + int(said["points isolated"])
+    return {"window_s": sizes.window, "points": points, "peak_mb": most}
+
+
+def start(sizes: Sizes) -> Section:
+    """From the start of the process until the node has subscribed: all compiled."""
+    result: Section = {}
+    with ExitStack() as stack:
+        if sizes.cold:
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            stack.enter_context(_environment({"NUMBA_CACHE_DIR": folder}))
+            result["cold_s"] = spread([_start()])
+        else:
+            _start()
+        result["warm_s"] = spread([_start() for _ in range(sizes.starts)])
+    return result
+
+
+def _start() -> float:
+    """Seconds until the node is ready; the publisher that it finds is there before."""
+    with _domain() as ros_args, Probe(ros_args) as probe, tempfile.TemporaryDirectory() as folder:
+        with NodeProcess(ros_args, Path(folder) / "node.log", lambda _: None) as node:
+            started = time.monotonic()
+            node.start()
+            probe.wait_for_segmenter(START)
+            took = time.monotonic() - started
+            node.stop()
+    return took
+
+
+@contextmanager
+def _running(settings: dict[str, Any]) -> Iterator[tuple[Listening, NodeProcess, list[str]]]:
+    """The node and a subscriber, each in a process of its own, and `--ros-args` to reach them."""
+    with ExitStack() as stack:
+        ros_args = stack.enter_context(_domain())
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        listener = stack.enter_context(Listening(ros_args))
+        parameters = [item for pair in settings.items() for item in ("-p", "{}:={}".format(*pair))]
+        args = [*ros_args, *parameters]
+        node = stack.enter_context(NodeProcess(args, folder / "node.log", listener.give_up))
+        node.start()
+        yield listener, node, ros_args
+        node.stop()
+
+
+@contextmanager
+def _domain() -> Iterator[list[str]]:
+    """This machine only, in a domain and a namespace of our own; yields the arguments for it."""
+    ours = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+    }
+    with _environment(ours):
+        yield ["--ros-args", "-r", f"__ns:=/bench_{os.getpid()}", "--log-level", "WARN"]
+
+
+@contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Environment variables for this block, and for the processes that it starts."""
+    before = dict(os.environ)
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
