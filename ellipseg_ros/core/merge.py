@@ -172,14 +172,14 @@ def _new_forest(capacity: int) -> Forest:
     size = 2 * capacity
     unions = np.arange(size - 1, capacity - 1, -1)  # the lowest one is on top
     return Forest(
-        nodes=np.zeros((size, WIDTH)),
-        extra=np.zeros(size),
+        nodes=np.empty((size, WIDTH)),
+        extra=np.empty(size),
         parent=np.full(size, NONE, np.int32),
         left=np.full(size, NONE, np.int32),
         right=np.full(size, NONE, np.int32),
-        made_weight=np.zeros(size),
-        made_i=np.zeros(size, np.int32),
-        made_j=np.zeros(size, np.int32),
+        made_weight=np.empty(size),
+        made_i=np.empty(size, np.int32),
+        made_j=np.empty(size, np.int32),
         above=np.arange(size, dtype=np.int32),
         awake=np.zeros(capacity, bool),
         free=np.append(unions, capacity).astype(np.int32),
@@ -199,16 +199,12 @@ def _no_events(capacity: int) -> Events:
 @kernel
 def _move_forest(old, keep, unions, names, new):
     """Copy the vertices `keep` and the unions to where `names` says: ascending, maybe in place."""
-    for column, other in ((old.extra, new.extra), (old.made_weight, new.made_weight)):
-        _copy(column, keep, names, other)
-        _copy(column, unions, names, other)
-    for link, other in (
-        (old.parent, new.parent),
-        (old.left, new.left),
-        (old.right, new.right),
-        (old.made_i, new.made_i),
-        (old.made_j, new.made_j),
-    ):
+    _copy(old.extra, keep, names, new.extra)
+    _copy(old.extra, unions, names, new.extra)
+    _copy(old.made_weight, unions, names, new.made_weight)
+    for link, other in ((old.made_i, new.made_i), (old.made_j, new.made_j)):
+        _relink(link, unions, names, other)
+    for link, other in ((old.parent, new.parent), (old.left, new.left), (old.right, new.right)):
         _relink(link, keep, names, other)
         _relink(link, unions, names, other)
     nodes, new_nodes = old.nodes, new.nodes

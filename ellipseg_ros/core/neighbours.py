@@ -133,7 +133,7 @@ def moved(values: Array, keep: Array, capacity: int) -> Array:
     """
     target = values
     if len(values) != capacity:
-        target = np.zeros((capacity, *values.shape[1:]), values.dtype)
+        target = np.empty((capacity, *values.shape[1:]), values.dtype)
     if len(keep):
         _move(values.reshape(len(values), -1), keep, target.reshape(capacity, -1))
     return target
