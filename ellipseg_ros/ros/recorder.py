@@ -9,9 +9,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
@@ -23,6 +24,7 @@ from ellipseg_ros.ros.process import Spinner
 TOPICS = {"segmented_points": PointCloud2, "ellipsoids": MarkerArray, "segments": SegmentArray}
 STAMPED = ("segmented_points", "segments")  # messages that begin with a header
 DEPTH = 100  # messages kept while the bag is written
+SMALL = 1000  # bytes: more than one marker takes
 
 
 class Recorder:
@@ -38,6 +40,7 @@ class Recorder:
         self._matched = dict.fromkeys(TOPICS, 0)
         self._time_ns: int | None = None  # of the newest update
         self._stopped = ""
+        self._ending = False
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
         self._context = Context()
@@ -76,7 +79,11 @@ class Recorder:
         self._wait(lambda: self.diagnostics.get(key) == str(value), timeout, text)
 
     def reset_segmenter(self, timeout: float) -> None:
-        """Call ~/reset, which makes an update of the points that still wait for their boundary."""
+        """Call ~/reset, which makes an update of the points that still wait for their boundary.
+
+        That it then takes all markers away is not recorded: the bag ends with them.
+        """
+        self._ending = True
         client = self._node.create_client(Trigger, "ellipseg_segmenter/reset")
         if not client.wait_for_service(timeout):
             raise EllipsegError("the node offers no service ~/reset; does it still run?")
@@ -111,7 +118,8 @@ class Recorder:
         with self._changed:
             if topic in STAMPED:
                 self._time_ns = header_time(data)
-            if self._time_ns is not None:  # markers have no time of their own
+            farewell = self._ending and topic == "ellipsoids" and takes_all_away(data)
+            if self._time_ns is not None and not farewell:  # markers have no time of their own
                 self._bag.write(f"/{topic}", self._time_ns, data)
             self.updates += topic == "segments"
             self._changed.notify_all()
@@ -150,3 +158,11 @@ def header_time(data: bytes) -> int:
     order = "<" if data[1] & 1 else ">"
     seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
     return int(seconds) * SECOND + int(nanoseconds)
+
+
+def takes_all_away(data: bytes) -> bool:
+    """Whether a serialized MarkerArray does nothing but to delete all markers."""
+    if len(data) > SMALL:
+        return False
+    actions = [marker.action for marker in deserialize_message(data, MarkerArray).markers]
+    return actions == [Marker.DELETEALL]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from visualization_msgs.msg import Marker
 
 from ellipseg_ros.cli import check, node_process
 from ellipseg_ros.cli.main import main
@@ -72,7 +73,9 @@ def test_every_point_is_accounted_for(demo):
 def test_the_bag_holds_all_topics(demo):
     _, folder = demo
     assert len(list(read_messages(folder / "bag", "/segmented_points"))) == 4
-    markers = [m for _, msg in read_messages(folder / "bag", "/ellipsoids") for m in msg.markers]
+    arrays = [msg.markers for _, msg in read_messages(folder / "bag", "/ellipsoids")]
+    assert any(marker.action == Marker.ADD for marker in arrays[-1])  # not all taken away
+    markers = [marker for array in arrays for marker in array]
     assert len(markers) > 10
     assert np.isfinite([m.pose.position.x for m in markers]).all()
 
