@@ -80,4 +80,3 @@ class Worker(Thread):
         self._around.logger.warning(f"clouds rejected: {error}", throttle_duration_sec=5.0)
         self._segmenter.reset(str(error))
         self._around.outputs.clear()
-
