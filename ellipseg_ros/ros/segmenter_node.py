@@ -2,6 +2,7 @@
 
 import re
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
@@ -50,6 +51,7 @@ class SegmenterNode:
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
+        self._number: int | None = None  # of the last cloud, by its publisher
         self._warned: set[str] = set()  # frames that were warned of
         self._outputs = Outputs(node, lambda: self._backlog.put(ShowAll()))
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -71,15 +73,16 @@ class SegmenterNode:
     def _subscribe(self) -> None:
         """Called by the worker when all is compiled."""
         lost = SubscriptionEventCallbacks(message_lost=self._on_lost)
-        self.node.create_subscription(
+        self._subscription = self.node.create_subscription(
             PointCloud2, "points", self._on_cloud, input_qos(self._shown), event_callbacks=lost
         )
         values = {**flatten(self._config), **flatten(self._shown)}
         self._log.info("ready; " + ", ".join(f"{name} {value}" for name, value in values.items()))
 
-    def _on_cloud(self, msg: PointCloud2) -> None:
+    def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:
         arrived = time.monotonic()
         self._health.cloud()
+        self._look_for_a_gap(info["publication_sequence_number"])
         try:
             sweep = read_sweep(msg)
             self._look_at_frame(sweep.frame_id)
@@ -111,11 +114,27 @@ class SegmenterNode:
                 "sensor is smeared"
             )
 
+    def _look_for_a_gap(self, number: int | None) -> None:
+        """Count what the publisher has sent and the node has not got, by the publisher's numbers.
+
+        Lost on the way, or pushed out of a full queue of input_depth, which DDS tells nobody. Of
+        several publishers the numbers can't be told apart.
+        """
+        before, self._number = self._number, number
+        if number is None or before is None or number <= before + 1:
+            return
+        if self.node.count_publishers(self._subscription.topic_name) == 1:
+            self._lost(number - before - 1)
+
     def _on_lost(self, event: QoSMessageLostInfo) -> None:
-        self._health.lost(event.total_count_change)
+        if self._number is None:  # else the numbers tell
+            self._lost(event.total_count_change)
+
+    def _lost(self, clouds: int) -> None:
+        self._health.lost(clouds)
         self._log.warning(
-            f"{event.total_count_change} clouds were lost on the way; ask for input_reliability "
-            "reliable or a larger input_depth",
+            f"{clouds} clouds were lost on the way; input_reliability reliable or a larger "
+            "input_depth may help",
             throttle_duration_sec=5.0,
         )
 

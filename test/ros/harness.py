@@ -20,6 +20,7 @@ from ellipseg_ros.data import Sweep
 from ellipseg_ros.io.pointcloud2 import write_sweep
 
 SECOND = 1_000_000_000  # ns
+PATIENCE = 10.0  # s that a node gets to end
 LIMIT = 120.0  # s that an answer may take: kernels may have to be compiled first
 
 
@@ -51,21 +52,26 @@ class Process:
         """Its exit code."""
         return self._process.wait(seconds)
 
-    def kill(self):
-        """End it at once, if it still runs."""
-        self._process.kill()
-        self._process.wait()
+    def end(self):
+        """End it if it still runs: in peace if it will, as a kill leaves DDS's files behind."""
+        if self.alive():
+            self.signal(signal.SIGCONT)
+            self.signal()
+            try:
+                self.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        print(f"{self.said}\nexit code {self.wait()}")  # pytest shows it if the test fails
 
 
 @contextmanager
 def running(module, arguments, log):
-    """A process of a node, killed at the end if it has not ended by itself."""
+    """A process of a node, ended if it has not ended by itself."""
     process = Process(module, arguments, log)
     try:
         yield process
     finally:
-        process.kill()
-        print(process.said)  # pytest shows it if the test fails
+        process.end()
 
 
 class Inbox:

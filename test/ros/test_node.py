@@ -218,6 +218,7 @@ def test_a_best_effort_publisher_is_heard(node, start):
     points.send(wall(start))
     points.send(wall(start + 1.0))
     assert update(node, start + 1.0).segmented > 0
+    node.me.node.destroy_publisher(points.publisher)
 
 
 def test_points_that_are_no_numbers_are_counted(node, start):
@@ -346,6 +347,25 @@ def test_bad_clouds_are_counted_by_reason_and_the_node_lives_on(node, start):
     assert found["clouds rejected: xyz_type"] == "1"
     assert "cloud rejected: the cloud has no field y" in node.process.said
     assert node.process.alive()
+
+
+def test_clouds_that_never_came_are_counted(node, start):
+    def came_and_lost(values):
+        kinds = ("clouds received", "clouds lost by DDS")
+        return [int(values[kind]) - int(before[kind]) for kind in kinds]
+
+    send(node, start, points=1)  # its number is the first one known
+    node.diagnostics.wait(lambda _: True, start=len(node.diagnostics.messages))
+    before = details(node, lambda *_: True)
+    sent = 1500  # more than all the queues on the way hold
+    node.process.signal(signal.SIGSTOP)
+    send(node, *[start] * sent, points=1)
+    node.process.signal(signal.SIGCONT)
+    details(node, lambda _, values: came_and_lost(values)[0] > 0)
+    send(node, start, points=1)  # shows what is missing before it
+    now = details(node, lambda _, values: sum(came_and_lost(values)) == sent + 1)
+    assert came_and_lost(now)[1] > 0
+    assert "clouds were lost on the way" in node.process.said
 
 
 def test_nothing_but_bad_clouds_is_an_error(node, start):
