@@ -153,6 +153,7 @@ class Peer:
         self.node = Node("peer", context=self.context, namespace=namespace)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+        self._clients = {}
         self._open = True
         self._thread = Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -189,14 +190,13 @@ class Peer:
 
     def call(self, kind, name, request=None):
         """Call a service and return its answer."""
-        client = self.node.create_client(kind, name)
-        try:
-            assert client.wait_for_service(LIMIT), f"there is no service {name}"
-            answered = Inbox()
-            client.call_async(request or kind.Request()).add_done_callback(answered.put)
-            return answered.wait(lambda _: True).result()
-        finally:
-            self.node.destroy_client(client)
+        if name not in self._clients:  # kept: destroying one while the other thread waits for it
+            self._clients[name] = self.node.create_client(kind, name)  # may crash rclpy
+        client = self._clients[name]
+        assert client.wait_for_service(LIMIT), f"there is no service {name}"
+        answered = Inbox()
+        client.call_async(request or kind.Request()).add_done_callback(answered.put)
+        return answered.wait(lambda _: True).result()
 
     def set(self, node, **values):
         """Set parameters (`__` for a dot), one by one; the answers in the same order."""

@@ -2,16 +2,19 @@
 
 import itertools
 import signal
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from harness import SECOND, nanoseconds, peer, running, wall
 from rcl_interfaces.msg import ParameterType
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -21,7 +24,9 @@ from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
+from ellipseg_ros.ros.segmenter_node import SegmenterNode
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
 
@@ -213,12 +218,12 @@ def test_a_wall_comes_back_on_every_topic(node, start):
     assert {marker.ns for marker in array.markers if marker.action == Marker.ADD} == {"ellipsoids"}
 
 
-def test_a_best_effort_publisher_is_heard(node, start):
-    points = node.me.speak(PointCloud2, "/points", ReliabilityPolicy.BEST_EFFORT)
-    points.send(wall(start))
-    points.send(wall(start + 1.0))
-    assert update(node, start + 1.0).segmented > 0
-    node.me.node.destroy_publisher(points.publisher)
+def test_a_best_effort_publisher_is_heard(node, start, domain):
+    with peer(domain) as other:
+        points = other.speak(PointCloud2, "/points", ReliabilityPolicy.BEST_EFFORT)
+        points.send(wall(start))
+        points.send(wall(start + 1.0))
+        assert update(node, start + 1.0).segmented > 0
 
 
 def test_points_that_are_no_numbers_are_counted(node, start):
@@ -349,25 +354,6 @@ def test_bad_clouds_are_counted_by_reason_and_the_node_lives_on(node, start):
     assert node.process.alive()
 
 
-def test_clouds_that_never_came_are_counted(node, start):
-    def came_and_lost(values):
-        kinds = ("clouds received", "clouds lost by DDS")
-        return [int(values[kind]) - int(before[kind]) for kind in kinds]
-
-    send(node, start, points=1)  # its number is the first one known
-    node.diagnostics.wait(lambda _: True, start=len(node.diagnostics.messages))
-    before = details(node, lambda *_: True)
-    sent = 1500  # more than all the queues on the way hold
-    node.process.signal(signal.SIGSTOP)
-    send(node, *[start] * sent, points=1)
-    node.process.signal(signal.SIGCONT)
-    details(node, lambda _, values: came_and_lost(values)[0] > 0)
-    send(node, start, points=1)  # shows what is missing before it
-    now = details(node, lambda _, values: sum(came_and_lost(values)) == sent + 1)
-    assert came_and_lost(now)[1] > 0
-    assert "clouds were lost on the way" in node.process.said
-
-
 def test_nothing_but_bad_clouds_is_an_error(node, start):
     node.points.send(no_y(start))
     details(node, lambda level, _: level == DiagnosticStatus.ERROR)
@@ -414,6 +400,56 @@ def test_termination_takes_the_markers_away_and_is_in_peace(node, start):
     assert node.process.wait(STOP_WITHIN) == 0
     node.markers.wait(lambda m: actions(m) == [Marker.DELETEALL], start=heard)
     assert "Traceback" not in node.process.said
+
+
+# --- a node in this process ------------------------------------------------------------------
+
+
+@pytest.fixture
+def inside(domain):
+    """A node in this process, whose callbacks only run while a Spinner runs them."""
+    ended = []
+    arguments = ["--ros-args", "-r", "__ns:=/inside", "-p", "input_depth:=5"]
+    rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    running = SegmenterNode(ended.append)
+    yield running
+    assert running.close()
+    running.node.destroy_node()
+    rclpy.shutdown()
+    assert ended == []
+
+
+@contextmanager
+def spinning(running):
+    spinner = Spinner(running.node, lambda error: None)
+    try:
+        yield
+    finally:
+        spinner.stop()
+
+
+def test_clouds_that_a_full_queue_has_dropped_are_counted(inside, domain):
+    def told(wanted):
+        def fits(message):
+            values = {pair.key: pair.value for pair in message.status[0].values}
+            came_and_lost[:] = [int(values[k]) for k in ("clouds received", "clouds lost by DDS")]
+            return wanted(*came_and_lost)
+
+        came_and_lost = []
+        diagnostics.wait(fits, start=len(diagnostics.messages))
+        return came_and_lost
+
+    with peer(domain, "/inside") as me:
+        points = me.speak(PointCloud2, "points")
+        diagnostics = me.listen(DiagnosticArray, "/diagnostics")
+        with spinning(inside):
+            points.send(wall(1.0))
+            told(lambda came, _: came == 1)
+        for _ in range(50):  # while the node is too busy to take them
+            points.send(wall(1.0))
+        with spinning(inside):
+            _, lost = told(lambda came, lost: came + lost == 51)
+    assert lost > 0
 
 
 # --- starting and stopping -------------------------------------------------------------------
