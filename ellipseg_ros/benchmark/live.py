@@ -8,6 +8,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,7 @@ from ellipseg_ros.io.messages import Markers, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.ros.playback import ReplayOptions
-from ellipseg_ros.ros.probe import Probe, Publisher
+from ellipseg_ros.ros.probe import Probe
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import FIELDS, simulate
@@ -32,6 +34,7 @@ from ellipseg_ros.simulator import FIELDS, simulate
 BLOB = 30  # points of an ellipsoid that is published
 PERIOD = 0.1  # s, between two updates whose latency is measured
 START = 180.0  # s: imports, and the first compilation of all kernels
+READY = "ready; "  # what the node says then
 PATIENCE = 60.0  # s for one update
 RELIABLE = {"input_reliability": "reliable"}  # so that every cloud comes back
 Section = dict[str, Any]
@@ -49,13 +52,12 @@ def publishing(sizes: Sizes) -> Section:
     times: dict[str, list[float]] = {}
     received: list[float] = []
     with _domain() as ros_args, Listening(ros_args) as listener, Probe(ros_args) as probe:
-        publisher = probe.outputs()
         listener.wait_for_topics(START)
         markers = Markers(NodeConfig())
         for number in range(2 * sizes.runs + 1):
             state = State.UPDATED if number % 2 else State.UNCHANGED
             found = _next_update(found, state)
-            took, ended = timed(partial(_publish, publisher, found))
+            took, ended = timed(partial(_publish, probe, found))
             arrived = listener.wait_for_update(found.end_ns, PATIENCE)
             if number:  # the first one sends everything, whatever its state
                 times.setdefault(f"publish {state.name}", []).append(took)
@@ -74,9 +76,9 @@ def publishing(sizes: Sizes) -> Section:
     }
 
 
-def _publish(publisher: Publisher, found: Segmentation) -> int:
+def _publish(probe: Probe, found: Segmentation) -> int:
     """Publish an update; returns when that was done, ns."""
-    publisher.publish(found)
+    probe.publish(found)
     return time.monotonic_ns()
 
 
@@ -190,7 +192,7 @@ def memory(sizes: Sizes) -> Section:
 
 
 def start(sizes: Sizes) -> Section:
-    """From the start of the process until the node has subscribed: all compiled."""
+    """From the start of the process until the node is ready: all compiled, subscribed."""
     result: Section = {}
     with ExitStack() as stack:
         if sizes.cold:
@@ -204,15 +206,29 @@ def start(sizes: Sizes) -> Section:
 
 
 def _start() -> float:
-    """Seconds until the node is ready; the publisher that it finds is there before."""
-    with _domain() as ros_args, Probe(ros_args) as probe, tempfile.TemporaryDirectory() as folder:
-        with NodeProcess(ros_args, Path(folder) / "node.log", lambda _: None) as node:
+    """Seconds from the start of the process until it says that it is ready."""
+    with _domain("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "node.log"
+        os.mkfifo(log)  # a pipe, so that a line comes when it is written
+        said: SimpleQueue[float | None] = SimpleQueue()
+        Thread(target=_note_ready, args=(log, said), daemon=True).start()
+        with NodeProcess(ros_args, log, lambda _: None) as node:
             started = time.monotonic()
             node.start()
-            probe.wait_for_segmenter(START)
-            took = time.monotonic() - started
+            ready = said.get(timeout=START)
+            if ready is None:
+                raise EllipsegError("the node ended before it was ready; see what it says alone")
             node.stop()
-    return took
+    return ready - started
+
+
+def _note_ready(log: Path, said: "SimpleQueue[float | None]") -> None:
+    """Put the time at which the node says so, and None at the end."""
+    with log.open() as lines:
+        for line in lines:  # all, or the node would wait for a reader
+            if READY in line:
+                said.put(time.monotonic())
+    said.put(None)
 
 
 @contextmanager
@@ -231,14 +247,14 @@ def _running(settings: dict[str, Any]) -> Iterator[tuple[Listening, NodeProcess,
 
 
 @contextmanager
-def _domain() -> Iterator[list[str]]:
+def _domain(log_level: str = "WARN") -> Iterator[list[str]]:
     """This machine only, in a domain and a namespace of our own; yields the arguments for it."""
     ours = {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
     }
     with _environment(ours):
-        yield ["--ros-args", "-r", f"__ns:=/bench_{os.getpid()}", "--log-level", "WARN"]
+        yield ["--ros-args", "-r", f"__ns:=/bench_{os.getpid()}", "--log-level", log_level]
 
 
 @contextmanager

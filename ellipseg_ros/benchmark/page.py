@@ -244,7 +244,7 @@ def _start(section: Results) -> str:
     names = {"warm_s": "compiled cache warm", "cold_s": "cache empty: everything is compiled"}
     rows = [[text, between(section[name])] for name, text in names.items() if name in section]
     return (
-        "## Start\n\nFrom the start of the process until the node listens to `points`.\n\n"
+        "## Start\n\nFrom the start of the process until the node says that it is ready.\n\n"
         + table(["start", "s"], rows)
     )
 

@@ -1,5 +1,6 @@
 """All that can be measured, by name."""
 
+import gc
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -38,6 +39,8 @@ def measure(
     """
     machine = describe()
     compile_kernels()
+    gc.collect()
+    gc.freeze()  # so that the collection before each time has little to look at
     results = {}
     for name in (name for name in SECTIONS if name in names):
         begin(name)

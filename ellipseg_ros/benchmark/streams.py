@@ -29,7 +29,7 @@ class Sizes:
     per_batch: int = 4  # updates of 0.1 s measured between two batches
     lengths: tuple[float, ...] = (12.5, 25.0, 50.0, 100.0)  # s, of windows
     densities: tuple[int, ...] = (5_000, 10_000, 20_000, 50_000, 100_000)  # points/s
-    density_window: float = 10.0  # s
+    density_window: float = 5.0  # s
     listen: float = 20.0  # s over which latency is measured
     starts: int = 5  # of the node, with a warm cache
     cold: bool = True  # and one with a cold one
@@ -116,8 +116,8 @@ def dense(rate: int, seconds: float) -> Iterator[Sweep]:
     base = points_per_second(simulate(SCENE, duration=5.0))
     times = int(np.ceil(1.1 * rate / base))  # 1.1: parts of the scene are emptier
     slow = simulate(SCENE, duration=seconds * times, speed=3.0 / times, drift=0.05 / times**0.5)
-    joined = _faster(slow, times)
-    return thinned(joined, rate / points_per_second(_faster(slow, times)))
+    joined = list(_faster(slow, times))
+    return thinned(joined, rate / points_per_second(joined))
 
 
 def _faster(sweeps: Iterable[Sweep], times: int) -> Iterator[Sweep]:

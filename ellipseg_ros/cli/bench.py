@@ -31,6 +31,8 @@ def run(args: Namespace) -> int:
         def begin(name: str) -> None:
             bar.update(name != names[0])  # the one before is done
             bar.set_description(name)
+            if bar.disable:  # no terminal: lines instead of a bar
+                say(f"{name} ...", args)
 
         results = measure(names, QUICK if args.quick else FULL, args.data, begin)
     _show(results, args)
