@@ -44,6 +44,11 @@ class Checked:
             if "setting" in item.metadata:
                 value = checked(item, getattr(self, item.name))
                 object.__setattr__(self, item.name, value)
+            elif not isinstance(getattr(self, item.name), Checked):
+                kind = item.default_factory.__name__  # type: ignore[union-attr]  # nested records
+                raise ConfigError(
+                    f"{item.name} is {getattr(self, item.name)!r}; it must be a {kind}"
+                )
 
 
 def checked(item: Field[Any], value: Any) -> Any:

@@ -14,6 +14,8 @@ from ellipseg_ros.errors import InputError
 
 Array: TypeAlias = npt.NDArray[Any]
 
+Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
+
 ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
 REJECTED = -2  # NaN, infinite or absurdly far
 THINNED = -3  # left out by `max_points_per_second`
@@ -45,6 +47,8 @@ class Sweep:
                 raise InputError(
                     f"{name} has {len(column)} rows for {len(points)} points", "shape"
                 )
+        if isinstance(self.stamp_ns, float):
+            raise InputError("stamp_ns is a float, which loses ns; it must be an integer", "stamp")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "offsets_ns", offsets)
 
@@ -67,14 +71,15 @@ class Sweep:
 
 
 def join_sweeps(sweeps: list[Sweep]) -> Sweep:
-    """Several sweeps as one, in order; the stamp, frame and restart are the first one's."""
-    first = sweeps[0]
+    """Several sweeps as one, in order: the newest stamp, the frame and restart of the first."""
     if len(sweeps) == 1:
-        return first
+        return sweeps[0]
+    newest = max(sweep.stamp_ns for sweep in sweeps)
     return replace(
-        first,
+        sweeps[0],
+        stamp_ns=newest,
         points=np.concatenate([s.points for s in sweeps]),
-        offsets_ns=np.concatenate([s.times_ns for s in sweeps]) - first.stamp_ns,
+        offsets_ns=np.concatenate([s.times_ns for s in sweeps]) - newest,
         fields=join_fields([s.fields for s in sweeps], [len(s) for s in sweeps]),
     )
 
@@ -106,14 +111,21 @@ def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
     return joined
 
 
-def clashing_field(one: Array | None, other: Array | None) -> str:
-    """Name of a field that has another count in the other array; empty if they can be joined."""
-    if one is None or other is None or one.dtype == other.dtype:
+def clashing_field(one: Layout, other: Layout) -> str:
+    """Name of a field that has another count in the other layout; empty if they can be joined."""
+    if one is None or other is None or one == other:
         return ""
-    for name in one.dtype.names or ():
-        if name in (other.dtype.names or ()) and one.dtype[name].shape != other.dtype[name].shape:
+    for name in one.names or ():
+        if name in (other.names or ()) and one[name].shape != other[name].shape:
             return name
     return ""
+
+
+def joined_layout(one: Layout, other: Layout) -> Layout:
+    """What holds the fields of both, which must not clash."""
+    if one is None or other is None or one == other:
+        return one if other is None else other
+    return _union([one, other])
 
 
 def _union(layouts: list[np.dtype[Any]]) -> np.dtype[Any]:
@@ -215,7 +227,7 @@ class Segmentation:
     @property
     def counts(self) -> Counts:
         """How many points have which fate."""
-        tally = np.bincount(np.maximum(self.labels, THINNED - 1) - THINNED, minlength=4)
+        tally = np.bincount(self.labels - THINNED, minlength=4)
         return Counts(int(tally[3:].sum()), int(tally[2]), int(tally[1]), int(tally[0]))
 
     @property

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.window import Window
-from ellipseg_ros.data import Sweep, clashing_field, join_sweeps
-
-SECOND = 1_000_000_000  # ns
+from ellipseg_ros.core.window import SECOND
+from ellipseg_ros.data import Layout, Sweep, clashing_field, join_sweeps, joined_layout
 
 
 class Grouping:
@@ -21,9 +20,8 @@ class Grouping:
         self.configure(config)
         self._open: list[Sweep] = []
         self._first = 0  # ns: t0
-        self._newest = 0  # ns: newest stamp
+        self._before: Before | None = None  # what came so far
         self._boundary = 0  # ns: the stamp that closes the open group
-        self._last: Sweep | None = None  # the last message, without its points
 
     def configure(self, config: Config) -> None:
         """Take new settings; the boundaries of the open group stay."""
@@ -31,17 +29,18 @@ class Grouping:
         self._lateness = round(config.max_lateness * SECOND)
 
     def push(self, sweep: Sweep) -> list[Sweep]:
-        """Take one message; return the groups that it completes (none, one, or two at a jump)."""
+        """Take one message; return the groups that it completes: none or one."""
         done: list[Sweep] = []
-        restart = sweep.restart or self._why_restart(sweep)
+        before = self._before
+        restart = sweep.restart or (why_restart(before, sweep, self._lateness) if before else "")
         if restart:
             done += self.flush()
-        if restart or self._last is None:
-            self._first = self._newest = sweep.stamp_ns
+        if restart or before is None:
+            self._first = sweep.stamp_ns
             self._boundary = sweep.stamp_ns + self._period
+            before = None
         self._open.append(replace(sweep, restart=restart))
-        self._last = sweep.keep(slice(0, 0))
-        self._newest = max(self._newest, sweep.stamp_ns)
+        self._before = and_then(before, sweep)
         if sweep.stamp_ns >= self._boundary:
             done += self.flush()
         return done
@@ -51,27 +50,40 @@ class Grouping:
         if not self._open:
             return []
         parts, self._open = self._open, []  # before joining, which may raise InputError
-        passed = (self._newest - self._first) // self._period
+        newest = self._before.newest_ns if self._before else 0
+        passed = (newest - self._first) // self._period
         self._boundary = self._first + (passed + 1) * self._period
         return [join_sweeps(parts)]
 
-    def _why_restart(self, sweep: Sweep) -> str:
-        if self._last is None:
-            return ""
-        return why_restart(self._last, sweep, self._newest, self._lateness)
+
+class Before(NamedTuple):
+    """What of the sweeps so far decides whether a window can go on with the next one."""
+
+    newest_ns: int  # newest stamp
+    frame_id: str
+    layout: Layout  # of the fields
 
 
-def why_restart(before: Sweep | Window, sweep: Sweep, newest_ns: int, lateness_ns: int) -> str:
-    """Say why a window that held `before` cannot go on with `sweep`; an empty text if it can.
+def and_then(before: Before | None, sweep: Sweep) -> Before:
+    """What came so far, with one more sweep."""
+    layout = None if sweep.fields is None else sweep.fields.dtype
+    if before is None:
+        return Before(sweep.stamp_ns, sweep.frame_id, layout)
+    newest = max(before.newest_ns, sweep.stamp_ns)
+    return Before(newest, before.frame_id, joined_layout(before.layout, layout))
 
-    newest_ns: the newest stamp so far; lateness_ns: how far a stamp may lie behind it.
+
+def why_restart(before: Before, sweep: Sweep, lateness_ns: int) -> str:
+    """Say why the window cannot go on with `sweep`; an empty text if it can.
+
+    lateness_ns: how far a stamp may lie behind the newest.
     """
     if sweep.frame_id != before.frame_id:
         return f"the frame changed from {before.frame_id!r} to {sweep.frame_id!r}"
-    name = clashing_field(before.fields, sweep.fields)
+    name = clashing_field(before.layout, None if sweep.fields is None else sweep.fields.dtype)
     if name:
         return f"the count of field {name!r} changed"
-    behind = newest_ns - sweep.stamp_ns
+    behind = before.newest_ns - sweep.stamp_ns
     if behind > lateness_ns:
         return f"the stamps jumped back by {behind / SECOND:.3f} s"
     return ""

@@ -19,11 +19,13 @@ from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
 from ellipseg_ros.data import Array, Segmentation, Sweep
-from ellipseg_ros.grouping import SECOND, why_restart
+from ellipseg_ros.grouping import SECOND, Before, and_then, why_restart
 from ellipseg_ros.result import ellipsoid_records
 
 SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom
 DEAD = 0.25  # share of dead rows at which they are
+VAST = 5  # rows per row needed, beyond the first LARGE ones, from which on they are given back
+LARGE = 5_000
 
 
 def segment(
@@ -38,16 +40,15 @@ def segment(
     return Segmenter(config, origin).process(Sweep(stamp_ns=0, points=points))
 
 
-def warm_up(config: Config | None = None) -> None:
+def warm_up() -> None:
     """Compile every kernel, or load it from the cache, on a few points.
 
-    Later, no update waits for the compiler, whatever the criterion changes to.
+    Later, no update waits for the compiler, whatever the settings are.
     """
     rng = np.random.default_rng(0)
-    segment(rng.uniform(0.0, 20.0, (SLABBED + 1, 3)), config)
+    segment(rng.uniform(0.0, 20.0, (2 * SLABBED, 3)))
     for criterion in CRITERIA:
-        settings = replace(config or Config(), criterion=criterion, window_duration=3.0)
-        segmenter = Segmenter(settings)
+        segmenter = Segmenter(Config(criterion=criterion, window_duration=3.0))
         for second in range(8):
             points = rng.uniform(0.0, 2.0, (40, 3)) + [0.5 * second, 0.0, 0.0]
             segmenter.process(Sweep(stamp_ns=second * SECOND, points=points))
@@ -66,10 +67,11 @@ class Segmenter:
 
     def __init__(self, config: Config | None = None, origin: Array | None = None) -> None:
         self._config = config or Config()
-        self._given_origin = None if origin is None else np.asarray(origin, dtype=np.float64)
+        self._given_origin = None if origin is None else np.array(origin, dtype=np.float64)
         self._tracker = Tracker()
         self._sequence = 0
         self._restart = ""
+        self._before: Before | None = None
         self._window = Window(self._given_origin)
         self._begin_graph()
 
@@ -89,14 +91,18 @@ class Segmenter:
         """Forget the window; ids go on. The next update carries `reason` and removes all ids."""
         self._tracker.reset()
         self._restart = reason
+        self._before = None
         self._window = Window(self._given_origin)
         self._begin_graph()
 
     def process(self, sweep: Sweep) -> Segmentation:
         """Segment the window that ends with `sweep`."""
-        restart = sweep.restart or self._why_restart(sweep)
+        lateness = round(self._config.max_lateness * SECOND)
+        before = self._before
+        restart = sweep.restart or (why_restart(before, sweep, lateness) if before else "")
         if restart:
             self.reset(restart)
+        self._before = and_then(self._before, sweep)
         push = self._window.push(sweep, self._config)
         if self._neighbours.count == 0:  # a new graph of, perhaps, an old window
             push = self._window.everything()
@@ -113,22 +119,16 @@ class Segmenter:
         self._edges = no_edges()
         self._merge = Merge()
 
-    def _why_restart(self, sweep: Sweep) -> str:
-        if not self._window.started or not len(sweep):
-            return ""
-        newest = replace(sweep, stamp_ns=int(sweep.times_ns.max()))
-        lateness = round(self._config.max_lateness * SECOND)
-        return why_restart(self._window, newest, self._window.end_ns, lateness)
-
     def _make_room(self, arriving: int) -> None:
         """Let every stage drop its dead rows, where there are many or no room is left."""
         capacity = len(self._neighbours.status)
         living = np.flatnonzero(self._neighbours.status)
         dead = self._neighbours.count - len(living)
-        if self._neighbours.count + arriving <= capacity and dead <= DEAD * capacity:
-            return
         needed = len(living) + arriving
-        if needed > (1.0 - DEAD / 2.0) * capacity:
+        fits = self._neighbours.count + arriving <= capacity <= LARGE + VAST * needed
+        if fits and dead <= DEAD * capacity:
+            return
+        if needed > (1.0 - DEAD / 2.0) * capacity or not capacity <= LARGE + VAST * needed:
             capacity = round(SPARE * needed) if len(living) else needed
         self._edges = renumbered(self._edges, living)
         self._merge.renumber(living, capacity)
@@ -150,6 +150,8 @@ class Segmenter:
         tracks = self._tracker.assign(now.arrival, labels, facts)
         first, last = segment_times(now.times_ns, labels, len(merged.roots))
         model = self._merge.nodes[merged.roots]
+        for column in (labels, tracks.ids):
+            column.flags.writeable = False  # the next update builds on them
         found = Segmentation(
             labels=labels,
             ellipsoids=ellipsoid_records(own, model, merged.aicc, self._window.origin),

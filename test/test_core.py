@@ -70,6 +70,20 @@ def test_points_of_a_lesser_status_are_nobodys_neighbours_in_any_number_of_trees
         assert list(rows[i]) == naive.nearest(points, i, members, 10)
 
 
+def test_equal_points_lie_in_the_leaves_in_the_order_of_their_rows():
+    """So a search among thousands of them ends at the lowest rows, which win the ties."""
+    rng = np.random.default_rng(2)
+    points = np.zeros((200, 3))
+    points[:20] = rng.random((20, 3))
+    tree = kdtree.build(points, rng.permutation(200))
+    equal = []
+    for leaf in range(1 << tree.depth):
+        rows = tree.rows[(leaf * 200) >> tree.depth : ((leaf + 1) * 200) >> tree.depth]
+        assert tree.first[(1 << tree.depth) + leaf] == min(rows)
+        equal += sorted(row for row in rows if row >= 20)
+    assert equal == list(range(20, 200))
+
+
 def test_who_gains_a_neighbour_is_found_to_the_last_tie():
     points = grid(120, np.random.default_rng(1))
     old, new = np.arange(0, 120, 2), np.arange(1, 120, 2)

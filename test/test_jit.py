@@ -50,6 +50,18 @@ def warm_then_work():
     assert after == before, {k: v for k, v in after.items() if before.get(k) != v}
 
 
+def test_a_forked_child_has_threads_of_its_own():
+    code = (
+        "import multiprocessing, numpy as np\n"
+        "from ellipseg_ros.segmenter import segment\n"
+        "points = np.random.default_rng(0).random((20_000, 3))\n"
+        "segment(points)\n"
+        "child = multiprocessing.get_context('fork').Process(target=segment, args=(points,))\n"
+        "child.start(); child.join(); raise SystemExit(child.exitcode)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
 @pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"), reason="root may write all")
 def test_without_a_place_for_the_cache_the_package_works_all_the_same(tmp_path):
     copy = tmp_path / "ellipseg_ros"

@@ -157,13 +157,22 @@ def test_shared_between_any_number_of_threads_the_walk_finds_the_same(criterion,
     config = Config(criterion=criterion, threshold=tau)
     alone = segment(points, config)
     monkeypatch.setattr("ellipseg_ros.core.merge.SLABBED", 0)
-    for threads in (1, 2, 3, 7):
+    for threads in (1, 2, 3, 7, 200):
         monkeypatch.setattr("ellipseg_ros.core.merge.THREADS", threads)
         shared = segment(points, config)
         assert np.array_equal(alone.labels, shared.labels)
         assert np.array_equal(
             alone.ellipsoids.model_covariance, shared.ellipsoids.model_covariance
         )
+
+
+@pytest.mark.nojit
+def test_shared_between_threads_the_walk_of_a_small_cloud_finds_the_same(monkeypatch):
+    points = street(150, np.random.default_rng(16))
+    alone = segment(points)
+    monkeypatch.setattr("ellipseg_ros.core.merge.SLABBED", 0)
+    monkeypatch.setattr("ellipseg_ros.core.merge.THREADS", 2)
+    assert np.array_equal(alone.labels, segment(points).labels)
 
 
 def test_large_coordinates_lose_nothing():

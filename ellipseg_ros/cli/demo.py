@@ -21,7 +21,7 @@ from ellipseg_ros.cli.report import (
     window_summary,
 )
 from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare
-from ellipseg_ros.cli.segment import run_updates, warm_up
+from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.data import Sweep
@@ -32,6 +32,7 @@ from ellipseg_ros.ros.parameters import as_yaml
 from ellipseg_ros.ros.playback import ReplayOptions, ReplaySummary
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.ros.replayer import Replayer
+from ellipseg_ros.segmenter import warm_up
 
 THINNED_TO = 10_000  # points/s that two cores take in real time
 LOSSLESS = {"max_backlog": 0, "input_reliability": "reliable"}  # else ids may differ from offline
@@ -146,7 +147,7 @@ def _check(
 ) -> tuple[Check, Meter]:
     """Segment the source offline, and compare update by update with what the node published."""
     say("checking: the same offline ...", args)
-    warm_up(settings.config)
+    warm_up()
     check, meter = Check(live.updates), Meter()
     with progress(live.updates, "updates", args) as bar:
         node = received(folder / BAG)

@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
-
 from ellipseg_ros.cli.report import Meter, heading, progress, say, show
 from ellipseg_ros.cli.results import BAG, finish, prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
@@ -16,7 +14,7 @@ from ellipseg_ros.data import Segmentation, Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
-from ellipseg_ros.segmenter import Segmenter, segment
+from ellipseg_ros.segmenter import Segmenter, warm_up
 
 
 def run(args: Namespace) -> int:
@@ -26,17 +24,12 @@ def run(args: Namespace) -> int:
     folder = Path(args.output or f"{source.name}_segmented")
     prepare(folder, args.source)
     say("compiling kernels, which takes longer the first time ...", args)
-    warm_up(settings.config)
+    warm_up()
     meter = _segment(source, settings, folder, args)
     summary = heading(args.source, source.frame_id, settings) | meter.summary()
     finish(folder, summary, meter.last, args)
     show(summary, args)
     return 0
-
-
-def warm_up(config: Config) -> None:
-    """Compile the kernels, or load them from numba's cache, so that no update has to."""
-    segment(np.random.default_rng(0).uniform(0.0, 3.0, (100, 3)), config)
 
 
 def run_updates(

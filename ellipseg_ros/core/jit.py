@@ -24,7 +24,7 @@ def _have_cache() -> None:
     refuses to start where it may write to neither: then a folder of this process has to do.
     """
     beside = Path(__file__).parent / "__pycache__"
-    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     if not config.CACHE_DIR and not any(_may_write(folder) for folder in (beside, home)):
         config.CACHE_DIR = tempfile.mkdtemp(prefix="ellipseg_ros-")
         atexit.register(shutil.rmtree, config.CACHE_DIR, ignore_errors=True)
@@ -44,6 +44,15 @@ THREADS = len(os.sched_getaffinity(0))
 LEAST = 2048  # rows below which a thread is not worth its start
 PLAIN = config.DISABLE_JIT  # kernels run as plain Python: for tests
 _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
+
+
+def _renew() -> None:
+    """Threads do not survive a fork, and a pool does not notice."""
+    global _pool  # a new one is the only cure
+    _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
+
+
+os.register_at_fork(after_in_child=_renew)
 
 
 def for_rows(function: Callable[..., Any], count: int, *args: Any) -> None:

@@ -26,6 +26,7 @@ class Tree(NamedTuple):
     rows: Array  # (n,) int32: the row of the point
     low: Array  # (nodes, 3) float64: corners of the nodes' boxes
     high: Array
+    first: Array  # (nodes,) int32: the lowest row of a node; equal points lie in that order
     depth: int  # level of the leaves
 
 
@@ -49,11 +50,12 @@ def build(points: Array, rows: Array) -> Tree:
     low = np.full((2 << depth, 3), np.inf)
     high = np.full((2 << depth, 3), -np.inf)
     top = min(depth, 1)
-    _split(1, top, table, depth, low, high)
+    first = np.empty(2 << depth, np.int32)
+    _split(1, top, table, depth, low, high, first)
     nodes = [(node, depth + 1) for node in range(1 << top, 2 << top)]
-    for_parts(nodes, _split, table, depth, low, high)
+    for_parts(nodes, _split, table, depth, low, high, first)
     x, y, z = (np.ascontiguousarray(table[:, axis]) for axis in range(3))
-    return Tree(x, y, z, table[:, 3].astype(np.int32), low, high, depth)
+    return Tree(x, y, z, table[:, 3].astype(np.int32), low, high, first, depth)
 
 
 def nearest(trees: list[Tree], search: Search) -> None:
@@ -79,7 +81,7 @@ def _leaf_parts(tree: Tree) -> list[tuple[int, int]]:
 
 
 @kernel
-def _split(node, stop, table, depth, low, high):
+def _split(node, stop, table, depth, low, high, first):
     """Order `table` below `node` down to the level before `stop`; set the boxes met."""
     stack = [node]
     while len(stack) > 0:
@@ -92,7 +94,9 @@ def _split(node, stop, table, depth, low, high):
         end = ((position + 1) * len(table)) >> level
         for axis in range(3):
             low[node, axis], high[node, axis] = np.inf, -np.inf
+        first[node] = np.iinfo(np.int32).max
         for i in range(start, end):
+            first[node] = min(first[node], np.int32(table[i, 3]))
             for axis in range(3):
                 low[node, axis] = min(low[node, axis], table[i, axis])
                 high[node, axis] = max(high[node, axis], table[i, axis])
@@ -109,16 +113,27 @@ def _split(node, stop, table, depth, low, high):
 
 
 @kernel
+def _below(table, i, j, axis):
+    if table[i, axis] != table[j, axis]:
+        return table[i, axis] < table[j, axis]
+    return table[i, 3] < table[j, 3]
+
+
+@kernel
 def _select(table, left, right, middle, axis):
-    """Hoare's selection: on `axis`, earlier rows are at most, later ones at least `middle`'s."""
+    """Hoare's selection by (coordinate, row): earlier entries are below `middle`'s, later not."""
     while left < right:
-        a, b, c = table[left, axis], table[(left + right) >> 1, axis], table[right, axis]
-        pivot = max(min(a, b), min(max(a, b), c))
+        a, b, c = left, (left + right) >> 1, right  # the median of these is the pivot
+        if _below(table, b, a, axis):
+            a, b = b, a
+        if _below(table, c, b, axis):
+            b = a if _below(table, c, a, axis) else c
+        pivot, row = table[b, axis], table[b, 3]
         i, j = left, right
         while i <= j:
-            while table[i, axis] < pivot:
+            while table[i, axis] < pivot or (table[i, axis] == pivot and table[i, 3] < row):
                 i += 1
-            while table[j, axis] > pivot:
+            while table[j, axis] > pivot or (table[j, axis] == pivot and table[j, 3] > row):
                 j -= 1
             if i <= j:
                 for column in range(4):
@@ -141,7 +156,7 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
     insertion in a function of its own, or the arrays taken out of the tuples further down, it
     takes 1.5 times as long: numba counts references at every call.
     """
-    x, y, z, rows, low, high, depth = target
+    x, y, z, rows, low, high, lowest, depth = target
     from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
     wanted, status, least, found, squared = search
     n, k, leaves = len(x), found.shape[1], 1 << depth
@@ -150,8 +165,7 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
     stack, gaps = np.empty(64, np.int64), np.empty(64)
     buffer = np.empty(LEAF)
     for leaf in range(first, last):
-        count = 0
-        worst = 0.0
+        count, worst, last_row = 0, 0.0, -1
         start = (leaf * len(from_x)) >> source.depth
         end = ((leaf + 1) * len(from_x)) >> source.depth
         for position in range(start, end):
@@ -162,6 +176,7 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
                     near[count, slot] = -1 if own else found[row, slot]
                     near_squared[count, slot] = np.inf if own else squared[row, slot]
                 worst = max(worst, near_squared[count, k - 1])
+                last_row = max(last_row, near[count, k - 1])
                 count += 1
         if count == 0:
             continue
@@ -176,12 +191,14 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
             node = stack[top]
             if gaps[top] > worst or (own and node == leaves + leaf and not fresh):
                 continue
+            if gaps[top] == worst and lowest[node] > last_row:
+                continue  # no nearer, and ties go to lower rows: equal points would be all met
             if node < leaves:
                 top = _descend(low, high, node, box, worst, stack, gaps, top)
                 continue
             fresh = False
             start, end = ((node - leaves) * n) >> depth, ((node - leaves + 1) * n) >> depth
-            worst = 0.0
+            worst, last_row = 0.0, -1
             for q in range(count):
                 here = queries[q]
                 px, py, pz, me = from_x[here], from_y[here], from_z[here], from_rows[here]
@@ -211,7 +228,7 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
                                 slot -= 1
                             near[q, slot], near_squared[q, slot] = candidate, d
                             limit = near_squared[q, k - 1]
-                worst = max(worst, limit)
+                worst, last_row = max(worst, limit), max(last_row, near[q, k - 1])
         for q in range(count):
             row = from_rows[queries[q]]
             for slot in range(k):
@@ -221,15 +238,14 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
 @kernel
 def _gaining(first, last, source, entering, search, gains):
     """Mark the wanted points in the leaves first to last that an entering point comes near."""
-    x, y, z, rows, low, high, depth = entering
+    x, y, z, rows, low, high, lowest, depth = entering
     from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
     wanted, _, _, found, squared = search
     n, k, leaves = len(x), found.shape[1], 1 << depth
     queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
     stack, gaps = np.empty(64, np.int64), np.empty(64)
     for leaf in range(first, last):
-        count = 0
-        reach = 0.0
+        count, reach, last_row = 0, 0.0, -1
         start = (leaf * len(from_x)) >> source.depth
         end = ((leaf + 1) * len(from_x)) >> source.depth
         for position in range(start, end):
@@ -237,6 +253,7 @@ def _gaining(first, last, source, entering, search, gains):
             if wanted[row]:
                 queries[count] = position
                 reach = max(reach, squared[row, k - 1])
+                last_row = max(last_row, found[row, k - 1])
                 count += 1
         if count == 0:
             continue
@@ -245,6 +262,8 @@ def _gaining(first, last, source, entering, search, gains):
         while top > 0:
             top -= 1
             node = stack[top]
+            if gaps[top] == reach and lowest[node] > last_row:
+                continue
             if node < leaves:
                 top = _descend(low, high, node, box, reach, stack, gaps, top)
                 continue

@@ -27,6 +27,7 @@ SHAPE, DENSITY, PARSIMONY = range(
 )  # numbers for the kernels, in the order of CRITERIA
 NONE = -1  # no parent, no child
 SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
+MOST_SLABS = 8  # thinner ones have more edges across than within
 
 
 class Forest(NamedTuple):
@@ -143,21 +144,21 @@ class Merge:
         That is the walk of a graph without the others; with their ends dirty, the whole one is the
         next update. So the slabs change the time, not the result.
         """
-        forest = self._forest
+        forest, slabs = self._forest, min(THREADS, MOST_SLABS)
         rows = np.flatnonzero(member)
         some = forest.nodes[rows[:: len(rows) // 1024 + 1], MEAN : MEAN + 3]
         axis = np.argmax(np.ptp(some, axis=0))
-        cuts = np.quantile(some[:, axis], np.arange(1, THREADS) / THREADS)
+        cuts = np.quantile(some[:, axis], np.arange(1, slabs) / slabs)
         slab = np.full(len(member), -1, np.int8)
         slab[rows] = np.searchsorted(cuts, forest.nodes[rows, MEAN + axis])
-        unions = np.split(forest.free[:-1], np.cumsum(np.bincount(slab[rows], minlength=THREADS)))
+        unions = np.split(forest.free[:-1], np.cumsum(np.bincount(slab[rows], minlength=slabs)))
         forests = [
             forest._replace(awake=slab == k, free=np.append(free, np.int32(len(free))))
-            for k, free in enumerate(unions[:THREADS])
+            for k, free in enumerate(unions[:slabs])
         ]
-        parts = [(k, k + 1) for k in range(THREADS)]
+        parts = [(k, k + 1) for k in range(slabs)]
         for_parts(parts, self._walk_slab, forests, edges)
-        left = [*(f.free[: f.free[-1]] for f in forests), *unions[THREADS:]]
+        left = [*(f.free[: f.free[-1]] for f in forests), *unions[slabs:]]
         count = sum(map(len, left))
         forest.free[:count], forest.free[-1] = np.concatenate(left), count
         ends = np.zeros(len(member), bool)
@@ -292,7 +293,7 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
         w, i, j = weight[e], edge_i[e], edge_j[e]
         while pending[0] > 0 and not _is_before(w, i, j, next_weight[0], next_i[0], next_j[0]):
             _wake(_pop(events), forest)
-        if awake[i] + awake[j] < ends:
+        if int(awake[i]) + int(awake[j]) < ends:
             continue
         # Each end's highest ancestor made before this edge. Halving the path to it is allowed,
         # as edges only ascend.

@@ -48,6 +48,7 @@ class Window:
         self.started = False
         self._origin = origin
         self._arrived = 0  # points so far
+        self._counted = 0  # of them, those that were not rejected
 
     @property
     def points(self) -> Points:
@@ -62,7 +63,7 @@ class Window:
     @property
     def origin(self) -> Array:
         """(3,) m: what local coordinates count from; whole kilometres unless given."""
-        return np.zeros(3) if self._origin is None else self._origin
+        return np.zeros(3) if self._origin is None else self._origin.copy()
 
     def push(self, sweep: Sweep, config: Config) -> Push:
         """Move on to the newest point of `sweep`, but never back."""
@@ -89,7 +90,9 @@ class Window:
         serial = chosen(new.arrival, comes)
         self._arrived += len(times)
         self._move(gone, new, sweep.fields, ~late)
-        self.frame_id, self.started = sweep.frame_id, True
+        if len(sweep) or not self.started:
+            self.frame_id = sweep.frame_id
+        self.started = True
         return Push(arrived, serial, expired)
 
     def everything(self) -> Push:
@@ -114,28 +117,30 @@ class Window:
         self._fields = None if joined is None else Column(joined)
 
     def _fate(self, sweep: Sweep, budget: float) -> Array:
-        """Who takes part; `budget` points at most, about, spread evenly by their serial number."""
+        """Who takes part; about `budget` points at most, spread evenly among the good ones."""
         with np.errstate(invalid="ignore"):
             good = np.abs(sweep.points).max(axis=1, initial=0.0) <= LARGEST
         fate = np.where(good, TAKES_PART, REJECTED).astype(np.int8)
-        if len(fate) > budget:
-            serial = np.arange(self._arrived, self._arrived + len(fate), dtype=np.uint64)
+        count = int(np.count_nonzero(good))
+        if count > budget:
+            serial = np.arange(self._counted, self._counted + count, dtype=np.uint64)
             share = (serial * WEYL) >> np.uint64(32)
-            fate[good & (share >= np.uint64(budget / len(fate) * 2.0**32))] = THINNED
+            fate[np.flatnonzero(good)[share >= np.uint64(budget / count * 2.0**32)]] = THINNED
+        self._counted += count
         return fate
 
     def _budget(self, times: Array, config: Config) -> float:
         """Points that max_points_per_second grants this update.
 
         It counts the time since the last one, but no gap: at most an update period or the sweep's
-        own span, whichever is longer.
+        own span, whichever is longer. A sweep that brings no newer time has its own period.
         """
         if config.max_points_per_second == 0 or not len(times):
             return np.inf
         span = float(times.max() - times.min()) / SECOND
         since = config.update_period
-        if self.started:
-            since = min(since, max(0.0, float(times.max() - self.end_ns) / SECOND))
+        if self.started and times.max() > self.end_ns:
+            since = min(since, float(times.max() - self.end_ns) / SECOND)
         return config.max_points_per_second * max(span, since)
 
 

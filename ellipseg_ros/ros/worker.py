@@ -43,7 +43,7 @@ class Worker(Thread):
         """Work until the backlog is closed."""
         backlog = self._around.backlog
         try:
-            warm_up(self._config)
+            warm_up()
             self._around.ready()
             while not backlog.closed:
                 self._do(backlog.get(timeout=IDLE))
