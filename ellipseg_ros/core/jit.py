@@ -11,7 +11,6 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 from numba import config, njit
@@ -23,17 +22,17 @@ def _have_cache() -> None:
     numba caches beside the module or in ~/.cache/numba (NUMBA_CACHE_DIR: where you like), and
     refuses to start where it may write to neither: then a folder of this process has to do.
     """
-    beside = Path(__file__).parent / "__pycache__"
-    home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    beside = os.path.join(os.path.dirname(os.path.abspath(__file__)), "__pycache__")
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     if not config.CACHE_DIR and not any(_may_write(folder) for folder in (beside, home)):
         config.CACHE_DIR = tempfile.mkdtemp(prefix="ellipseg_ros-")
         atexit.register(shutil.rmtree, config.CACHE_DIR, ignore_errors=True)
 
 
-def _may_write(folder: Path) -> bool:
+def _may_write(folder: str) -> bool:
     """Whether one may write to a folder, or to the nearest above it that exists."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
+    while not os.path.exists(folder) and folder != os.path.dirname(folder):
+        folder = os.path.dirname(folder)
     return os.access(folder, os.W_OK)
 
 
