@@ -16,6 +16,8 @@ Array: TypeAlias = npt.NDArray[Any]
 
 Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
 
+SECOND = 1_000_000_000  # ns
+
 ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
 REJECTED = -2  # NaN, infinite or absurdly far
 THINNED = -3  # left out by `max_points_per_second`

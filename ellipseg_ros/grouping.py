@@ -5,8 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.window import SECOND
-from ellipseg_ros.data import Layout, Sweep, clashing_field, join_sweeps, joined_layout
+from ellipseg_ros.data import SECOND, Layout, Sweep, clashing_field, join_sweeps, joined_layout
 
 
 class Grouping:

@@ -18,8 +18,8 @@ from ellipseg_ros.core.neighbours import Change, Neighbours
 from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
-from ellipseg_ros.data import Array, Segmentation, Sweep
-from ellipseg_ros.grouping import SECOND, Before, and_then, why_restart
+from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
+from ellipseg_ros.grouping import Before, and_then, why_restart
 from ellipseg_ros.result import ellipsoid_records
 
 SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.config import Checked, setting
-from ellipseg_ros.data import Array, Sweep
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Array, Sweep
 from ellipseg_ros.simulation import rays, scanner
 from ellipseg_ros.simulation.samples import boxes, trunk, wall
 from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND

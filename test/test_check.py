@@ -8,8 +8,7 @@ import pytest
 
 from ellipseg_ros.cli.check import Check, Received
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import Sweep
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.segmenter import Segmenter

@@ -19,9 +19,8 @@ from ellipseg_ros.benchmark.streams import RATE, SCENE, Sizes, points_per_second
 from ellipseg_ros.benchmark.timing import milliseconds, spread, timed
 from ellipseg_ros.cli.node_process import NodeProcess
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.data import Segmentation, State, Sweep
+from ellipseg_ros.data import SECOND, Segmentation, State, Sweep
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.grouping import SECOND
 from ellipseg_ros.io.messages import Markers, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.io.sources import open_source

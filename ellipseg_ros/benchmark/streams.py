@@ -6,8 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from ellipseg_ros.data import Array, Sweep, join_sweeps
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Array, Sweep, join_sweeps
 from ellipseg_ros.simulator import SWEEPS_PER_SECOND, simulate
 
 SCENE = "industrial"

@@ -6,9 +6,8 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
-from ellipseg_ros.data import REJECTED, THINNED, Array, Sweep, join_fields
+from ellipseg_ros.data import REJECTED, SECOND, THINNED, Array, Sweep, join_fields
 
-SECOND = 1_000_000_000  # ns
 LARGEST = 1e8  # m: a coordinate beyond is no measurement (the Earth's radius is 6.4e6 m)
 TAKES_PART = 0  # fate of a point that has not been rejected or thinned
 WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: multiples are spread evenly

@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ellipseg_ros.data import Array, Segmentation, Sweep
+from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.pointcloud2 import (
     append_fields,
@@ -23,7 +23,7 @@ from ellipseg_ros.io.pointcloud2 import (
     places,
     xyz,
 )
-from ellipseg_ros.io.times import SECOND, time_offsets
+from ellipseg_ros.io.times import time_offsets
 
 FRAME = "odom"  # files name none; a world-fixed frame by REP-105
 SLICE = 0.1  # s: clouds with times but without sweep numbers are cut into such sweeps

@@ -4,9 +4,8 @@ import numpy as np
 
 from ellipseg_ros.colours import shape_colours
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import Array, Ragged, Segmentation, State
+from ellipseg_ros.data import SECOND, Array, Ragged, Segmentation, State
 from ellipseg_ros.io.cdr import Cdr, texts
-from ellipseg_ros.io.times import SECOND
 
 SPHERE = 2  # of visualization_msgs/Marker
 ADD, DELETE, DELETE_ALL = 0, 2, 3

@@ -9,10 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ellipseg_ros.colours import id_colours
-from ellipseg_ros.data import Array, Segmentation, Sweep
+from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
-from ellipseg_ros.io.times import OFFSET, SECOND, time_offsets
+from ellipseg_ros.io.times import OFFSET, time_offsets
 
 Layout: TypeAlias = np.dtype[Any]
 

@@ -4,9 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.data import SECOND, Array
 
-SECOND = 1_000_000_000  # ns
 FARTHEST_NS = 10 * SECOND  # from the stamp; a field that says more is no time, or another clock's
 NEVER = -4 * 10**18  # ns: stands for NaN and for what int64 can't hold
 

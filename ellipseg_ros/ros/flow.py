@@ -5,8 +5,8 @@ from collections import deque
 import numpy as np
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import Sweep
-from ellipseg_ros.grouping import SECOND, Grouping
+from ellipseg_ros.data import SECOND, Sweep
+from ellipseg_ros.grouping import Grouping
 
 
 class FlowControl:

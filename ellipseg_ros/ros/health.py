@@ -7,8 +7,7 @@ from threading import Lock
 
 import numpy as np
 
-from ellipseg_ros.data import Segmentation
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Segmentation
 
 OK, WARN, ERROR = 0, 1, 2  # as in diagnostic_msgs/DiagnosticStatus
 SILENCE = 5.0  # s without a cloud that deserve a warning

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from threading import Condition
 
 from ellipseg_ros.config import Checked, Config, setting
-from ellipseg_ros.data import Sweep
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.ros.flow import FlowControl
 
 

@@ -14,9 +14,8 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.grouping import SECOND
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.ros.process import Spinner

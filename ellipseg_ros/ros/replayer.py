@@ -16,9 +16,8 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
 from ellipseg_ros.config import Checked, setting
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.grouping import SECOND
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.msg import SegmentArray

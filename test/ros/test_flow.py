@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import Sweep
-from ellipseg_ros.grouping import SECOND, Grouping
+from ellipseg_ros.data import SECOND, Sweep
+from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.ros.flow import FlowControl
 from ellipseg_ros.segmenter import Segmenter
 

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ellipseg_ros.data import Counts
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Counts
 from ellipseg_ros.ros import health
 from ellipseg_ros.ros.health import ERROR, OK, WARN, Health
 

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from ellipseg_ros.data import Sweep
-from ellipseg_ros.grouping import SECOND
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.ros.playback import Playback, ReplayOptions
 
 LIMIT = 30.0  # s
