@@ -32,13 +32,14 @@ class FlowControl:
 
     def send(self, sweep: Sweep) -> None:
         """Note that the cloud was sent."""
-        newest = int(sweep.offsets_ns.max(initial=0)) if len(sweep) else 0
+        rows = min(1, len(sweep))  # one point tells as much as all
         token = Sweep(
             sweep.stamp_ns,
-            np.zeros((min(1, len(sweep)), 3)),
-            np.full(min(1, len(sweep)), newest),
-            frame_id=sweep.frame_id,
-            restart=sweep.restart,
+            np.zeros((rows, 3)),
+            np.full(rows, sweep.offsets_ns.max(initial=np.iinfo(np.int64).min)),
+            None if sweep.fields is None else sweep.fields[:rows],
+            sweep.frame_id,
+            sweep.restart,
         )
         for group in self._grouping.push(token):
             self._close(group)
@@ -68,10 +69,15 @@ class FlowControl:
         return len(self._outstanding)
 
     def _close(self, group: Sweep) -> None:
-        if group.restart or not self.closed:
+        begins = bool(group.restart) or not self.closed
+        if begins:
             self._run += 1
-            self._end = self._back = group.stamp_ns
-        self._end = max(self._end, int(group.times_ns.max(initial=self._end)))
+            self._back = int(group.times_ns.min(initial=group.stamp_ns))
+        if len(group):
+            newest = int(group.times_ns.max())
+            self._end = newest if begins else max(self._end, newest)
+        elif begins:
+            self._end = group.stamp_ns
         self._outstanding.append((self._run, self._end))
         self.closed += 1
 

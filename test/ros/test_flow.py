@@ -20,6 +20,10 @@ def clouds(start, count, step=0.1):
     return [cloud(start + k * step) for k in range(count)]
 
 
+def with_field(sweep, field):
+    return replace(sweep, fields=np.zeros(len(sweep), [field]))
+
+
 def ends(sweeps, config):
     """When the windows of a segmenter end that gets these clouds; an open group has no update."""
     segmenter, grouping = Segmenter(config), Grouping(config)
@@ -51,6 +55,12 @@ DRIVES = {
     "late": [s for pair in zip(clouds(0.1, 30), clouds(0.0, 30), strict=True) for s in pair],
     "sparse": clouds(0.0, 10, step=3.3),
     "offsets": [replace(s, offsets_ns=np.array([7_000_000])) for s in clouds(0.0, 40)],
+    "stamped at the end": [
+        replace(s, offsets_ns=np.array([-99_000_000])) for s in clouds(5.0, 40)
+    ],
+    "other fields": [
+        with_field(s, ("a", "f4", (2 + k // 20,))) for k, s in enumerate(clouds(0.0, 40))
+    ],
     "empty": [
         s if k % 5 else Sweep(s.stamp_ns, np.zeros((0, 3))) for k, s in enumerate(clouds(1.0, 40))
     ],
