@@ -78,11 +78,10 @@ def _place(edges: Edges, e: int, added: Edges) -> int:
 
 
 @kernel
-def _sift(part, following, cuts, edges, renewed, kept, counts, made, pieces):  # noqa: PLR0913
-    """Tell which edges of a part stay, and make those that a clean end has to the dirty one.
-
-    The ninth argument would only be hidden in a tuple.
-    """
+def _sift(  # noqa: PLR0913  # the ninth argument would only be hidden in a tuple
+    part, following, cuts, edges, renewed, kept, counts, made, pieces
+):
+    """Tell which edges of a part stay, and make those that a clean end has to the dirty one."""
     weight, left, right = edges
     neighbours, nodes, dirty, stays = renewed
     made_weight, made_left, made_right = made
@@ -153,11 +152,10 @@ def edge_weight(nodes, i, j):
 
 
 @kernel
-def _interleave(part, following, cuts, edges, kept, before, first, added, merged):  # noqa: PLR0913
-    """Write the part's edges that stay, and the added ones from first[part] on, in their order.
-
-    The ninth argument would only be hidden in a tuple.
-    """
+def _interleave(  # noqa: PLR0913  # likewise
+    part, following, cuts, edges, kept, before, first, added, merged
+):
+    """Write the part's edges that stay, and the added ones from first[part] on, in their order."""
     weight, left, right = merged
     old_weight, old_left, old_right = edges
     new_weight, new_left, new_right = added
