@@ -174,6 +174,7 @@ def _watch(calls: Iterable[Callable[[], Segmentation]]) -> dict[str, list[float]
 
 def lengths(sizes: Sizes) -> Section:
     """Windows of several lengths on one drive, in turn at every step."""
+    sizes = _half(sizes)
     segmenters = {seconds: Segmenter(Config(window_duration=seconds)) for seconds in sizes.lengths}
     longest = max(sizes.lengths)
     drive = iter(simulate(SCENE, duration=longest + sizes.measured + 2.0))
@@ -185,6 +186,11 @@ def lengths(sizes: Sizes) -> Section:
     _fill(segmenters.values(), drive, SHORT, SETTLE * SHORT)
     sweeps = steps(drive, SHORT, sizes.tenths)
     return {"cases": cases + _length_cases(segmenters, SHORT, sweeps, sizes.per_batch)}
+
+
+def _half(sizes: Sizes) -> Sizes:
+    """Half as many updates, for large windows."""
+    return replace(sizes, seconds=-(-sizes.seconds // 2), tenths=-(-sizes.tenths // 2))
 
 
 def _length_cases(
@@ -208,12 +214,7 @@ def _length_cases(
 
 def densities(sizes: Sizes) -> Section:
     """The same drive with more and more points a second, in a window of one length."""
-    few = replace(
-        sizes,
-        window=sizes.density_window,
-        seconds=-(-sizes.seconds // 2),
-        tenths=-(-sizes.tenths // 2),
-    )
+    few = replace(_half(sizes), window=sizes.density_window)
     config = Config(window_duration=few.window)
     cases = []
     for rate in sizes.densities:

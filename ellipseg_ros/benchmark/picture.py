@@ -149,6 +149,6 @@ def _curves(axes: Axes, cases: list[Results], across: str) -> None:
     ticks = sorted({case[across] for case in cases})
     axes.set_xticks(ticks, [f"{tick:,g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter("{x:,g}")
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.5)))
     _legend(axes, loc="upper left")

@@ -43,7 +43,7 @@ DEMO = """examples:
 
 
 BENCH = """examples:
-  ellipseg bench                            all of it, about ten minutes
+  ellipseg bench                            all of it, ten to twenty minutes
   ellipseg bench --quick --only batch peers
   ellipseg bench -o docs                    write docs/benchmarks.md, .json and .png"""
 
