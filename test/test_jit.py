@@ -62,6 +62,19 @@ def test_a_forked_child_has_threads_of_its_own():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
+def test_an_edit_in_any_file_of_the_core_begins_a_cache_of_its_own(tmp_path):
+    copy = tmp_path / "ellipseg_ros"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "msg", "*.so"))
+    env = {**os.environ, "PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    env.pop("NUMBA_CACHE_DIR", None)
+    code = "from ellipseg_ros.core.eigen import _sign; _sign(1.0, -2.0, 0.0)"
+    for comment in ("", "", "# edited\n"):
+        with (copy / "core" / "window.py").open("a") as source:
+            source.write(comment)
+        subprocess.run([sys.executable, "-c", code], check=True, env=env, cwd=tmp_path)
+    assert len(list((tmp_path / "cache" / "ellipseg_ros").iterdir())) == 2
+
+
 @pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"), reason="root may write all")
 def test_without_a_place_for_the_cache_the_package_works_all_the_same(tmp_path):
     copy = tmp_path / "ellipseg_ros"

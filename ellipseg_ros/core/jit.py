@@ -6,6 +6,7 @@ alone, so the number of threads cannot change it.
 """
 
 import atexit
+import hashlib
 import os
 import shutil
 import tempfile
@@ -17,14 +18,23 @@ from numba import config, njit
 
 
 def _have_cache() -> None:
-    """Give the compiler a folder to cache in where it finds none of its own.
+    """Give the compiler a folder to cache in, one for every version of these sources.
 
-    numba caches beside the module or in ~/.cache/numba (NUMBA_CACHE_DIR: where you like), and
-    refuses to start where it may write to neither: then a folder of this process has to do.
+    numba's own notices no edit in another file than the kernel's, and code compiled against
+    an older callee can crash; and numba refuses to start where it may write nowhere: then a folder
+    of this process has to do. NUMBA_CACHE_DIR, where it is set, is taken as it is.
     """
-    beside = os.path.join(os.path.dirname(os.path.abspath(__file__)), "__pycache__")
+    if config.CACHE_DIR:
+        return
+    here = os.path.dirname(os.path.abspath(__file__))
+    digest = hashlib.sha1(usedforsecurity=False)
+    for name in sorted(os.listdir(here)):
+        if name.endswith(".py"):
+            with open(os.path.join(here, name), "rb") as source:
+                digest.update(source.read())
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    if not config.CACHE_DIR and not any(_may_write(folder) for folder in (beside, home)):
+    config.CACHE_DIR = os.path.join(home, "ellipseg_ros", digest.hexdigest())
+    if not _may_write(config.CACHE_DIR):
         config.CACHE_DIR = tempfile.mkdtemp(prefix="ellipseg_ros-")
         atexit.register(shutil.rmtree, config.CACHE_DIR, ignore_errors=True)
 
