@@ -43,6 +43,9 @@ class Worker(Thread):
         """Work until the backlog is closed."""
         backlog = self._around.backlog
         try:
+            self._around.logger.info(
+                "loading the kernels; the first start compiles them, which takes half a minute"
+            )
             warm_up()
             self._around.ready()
             while not backlog.closed:
