@@ -16,7 +16,9 @@ import numpy as np
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.criteria import density_distance, segment_aicc, shape_distance
 from ellipseg_ros.core.disjoint_set import find
-from ellipseg_ros.core.ellipsoids import MEAN, WIDTH, unite
+from ellipseg_ros.core.ellipsoids import MEAN, unite
+from ellipseg_ros.core.events import is_before, no_events, pop, push
+from ellipseg_ros.core.forest import NONE, Forest, new_forest, release, renumbered_forest
 from ellipseg_ros.core.jit import THREADS, for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
 from ellipseg_ros.core.sorting import Edges
@@ -25,35 +27,8 @@ from ellipseg_ros.data import Array
 SHAPE, DENSITY, PARSIMONY = range(
     len(CRITERIA)
 )  # numbers for the kernels, in the order of CRITERIA
-NONE = -1  # no parent, no child
 SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
 MOST_SLABS = 8  # thinner ones have more edges across than within
-
-
-class Forest(NamedTuple):
-    """Nodes: vertex v is node v, unions stand from `capacity` on. Arrays by node."""
-
-    nodes: Array  # (2 capacity, 24) float64: moments, see ellipsoids
-    extra: Array  # float64: mass (density) or AICc (parsimony)
-    parent: Array  # int32
-    left: Array  # int32: children, side a and side b; NONE in a vertex or a free node
-    right: Array
-    made_weight: Array  # float64: the edge that made the union
-    made_i: Array  # int32
-    made_j: Array
-    above: Array  # int32: some ancestor made before the edge walked now, or the node itself
-    awake: Array  # (capacity,) bool: by vertex
-    free: Array  # (capacity + 1,) int32: unions not in use; the last entry counts them
-
-
-class Events(NamedTuple):
-    """A heap of nodes by the edge at which they wake."""
-
-    weight: Array
-    i: Array
-    j: Array
-    node: Array
-    size: Array  # (1,) int64
 
 
 class Rule(NamedTuple):
@@ -78,7 +53,7 @@ class Merge:
 
     def __init__(self) -> None:
         self._rule = Rule(-1, 0.0, 0.0, 0.0)  # none yet
-        self._forest = _new_forest(0)
+        self._forest = new_forest(0)
 
     @property
     def nodes(self) -> Array:
@@ -92,19 +67,7 @@ class Merge:
 
     def renumber(self, keep: Array, capacity: int) -> None:
         """Keep the vertices `keep` (n,) ascending, as 0 to n - 1; see Neighbours.renumber."""
-        old = self._forest
-        size = len(old.awake)
-        forest = old if size == capacity else _new_forest(capacity)
-        names = np.full(2 * size + 1, NONE, np.int32)  # node -1 is the last: none stays none
-        names[keep] = np.arange(len(keep))
-        unions = size + np.flatnonzero(old.left[size:] != NONE)
-        kept = unions if forest is old else np.arange(capacity, capacity + len(unions))
-        names[unions] = kept
-        _move_forest(old, keep, unions, names, forest)
-        forest.parent[len(keep) : capacity] = NONE
-        if forest is not old:
-            forest.free[-1] = capacity - len(unions)
-        self._forest = forest
+        self._forest = renumbered_forest(self._forest, keep, capacity)
 
     def widened(self, change: Change, config: Config) -> Array:
         """The dirty vertices; all where the criterion or its numbers have changed."""
@@ -125,7 +88,7 @@ class Merge:
         forest, rule = self._forest, self._rule
         if rule.criterion == PARSIMONY:
             _aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
-        events = _no_events(len(forest.parent) + 1)
+        events = no_events(len(forest.parent) + 1)
         _begin(forest, dirty, change.gone, events)
         if np.count_nonzero(dirty) > SLABBED and np.array_equal(dirty, change.member):
             dirty = self._walk_slabs(edges, dirty)
@@ -166,65 +129,7 @@ class Merge:
         return ends
 
     def _walk_slab(self, k: int, _: int, forests: list[Forest], edges: Edges) -> None:
-        _walk(forests[k], edges, self._rule, _no_events(0), 2)
-
-
-def _new_forest(capacity: int) -> Forest:
-    size = 2 * capacity
-    unions = np.arange(size - 1, capacity - 1, -1)  # the lowest one is on top
-    return Forest(
-        nodes=np.empty((size, WIDTH)),
-        extra=np.empty(size),
-        parent=np.full(size, NONE, np.int32),
-        left=np.full(size, NONE, np.int32),
-        right=np.full(size, NONE, np.int32),
-        made_weight=np.empty(size),
-        made_i=np.empty(size, np.int32),
-        made_j=np.empty(size, np.int32),
-        above=np.arange(size, dtype=np.int32),
-        awake=np.zeros(capacity, bool),
-        free=np.append(unions, capacity).astype(np.int32),
-    )
-
-
-def _no_events(capacity: int) -> Events:
-    return Events(
-        weight=np.empty(capacity),
-        i=np.empty(capacity, np.int32),
-        j=np.empty(capacity, np.int32),
-        node=np.empty(capacity, np.int32),
-        size=np.zeros(1, np.int64),
-    )
-
-
-@kernel
-def _move_forest(old, keep, unions, names, new):
-    """Copy the vertices `keep` and the unions to where `names` says: ascending, maybe in place."""
-    _copy(old.extra, keep, names, new.extra)
-    _copy(old.extra, unions, names, new.extra)
-    _copy(old.made_weight, unions, names, new.made_weight)
-    for link, other in ((old.made_i, new.made_i), (old.made_j, new.made_j)):
-        _relink(link, unions, names, other)
-    for link, other in ((old.parent, new.parent), (old.left, new.left), (old.right, new.right)):
-        _relink(link, keep, names, other)
-        _relink(link, unions, names, other)
-    nodes, new_nodes = old.nodes, new.nodes
-    for which in (keep, unions):
-        for k in range(len(which)):
-            for column in range(nodes.shape[1]):
-                new_nodes[names[which[k]], column] = nodes[which[k], column]
-
-
-@kernel
-def _copy(column, which, names, new):
-    for k in range(len(which)):
-        new[names[which[k]]] = column[which[k]]
-
-
-@kernel
-def _relink(link, which, names, new):
-    for k in range(len(which)):
-        new[names[which[k]]] = names[link[which[k]]]
+        _walk(forests[k], edges, self._rule, no_events(0), 2)
 
 
 @kernel
@@ -265,18 +170,11 @@ def _begin(forest, dirty, gone, events):
                 sleeps = not (dirty[child] or gone[child])
             if sleeps:
                 parent[child] = NONE
-                _push(events, child, made_weight[union], made_i[union], made_j[union])
+                push(events, child, made_weight[union], made_i[union], made_j[union])
     for k in range(count):
-        _release(unions[k], parent, left, right, free)
+        release(unions[k], parent, left, right, free)
     for node in range(len(above)):
         above[node] = node if parent[node] == NONE else parent[node]
-
-
-@kernel
-def _release(union, parent, left, right, free):
-    parent[union] = left[union] = right[union] = NONE
-    free[free[-1]] = union
-    free[-1] += 1
 
 
 @kernel
@@ -291,8 +189,8 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
     a = b = 0
     for e in range(len(weight)):
         w, i, j = weight[e], edge_i[e], edge_j[e]
-        while pending[0] > 0 and not _is_before(w, i, j, next_weight[0], next_i[0], next_j[0]):
-            _wake(_pop(events), forest)
+        while pending[0] > 0 and not is_before(w, i, j, next_weight[0], next_i[0], next_j[0]):
+            _wake(pop(events), forest)
         if int(awake[i]) + int(awake[j]) < ends:
             continue
         # Each end's highest ancestor made before this edge. Halving the path to it is allowed,
@@ -303,13 +201,13 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
                 up = above[node]
                 if up == node or not (
                     made_weight[up] < w
-                    or _is_before(made_weight[up], made_i[up], made_j[up], w, i, j)
+                    or is_before(made_weight[up], made_i[up], made_j[up], w, i, j)
                 ):
                     break
                 higher = above[up]
                 if higher == up or not (
                     made_weight[higher] < w
-                    or _is_before(made_weight[higher], made_i[higher], made_j[higher], w, i, j)
+                    or is_before(made_weight[higher], made_i[higher], made_j[higher], w, i, j)
                 ):
                     node = up
                     break
@@ -366,9 +264,9 @@ def _disturb(node, forest, events):
     while up != NONE:
         sibling = right[up] if left[up] == below else left[up]
         parent[sibling], above[sibling] = NONE, sibling
-        _push(events, sibling, forest.made_weight[up], forest.made_i[up], forest.made_j[up])
+        push(events, sibling, forest.made_weight[up], forest.made_i[up], forest.made_j[up])
         below, higher = up, parent[up]
-        _release(up, parent, left, right, forest.free)
+        release(up, parent, left, right, forest.free)
         up = higher
 
 
@@ -384,62 +282,6 @@ def _wake(node, forest):
         elif left[node] != NONE:
             stack.append(left[node])
             stack.append(right[node])
-
-
-@kernel
-def _is_before(w, i, j, other_w, other_i, other_j):
-    """Whether the edge (w, i, j) comes before the other."""
-    if w != other_w:
-        return w < other_w
-    if i != other_i:
-        return i < other_i
-    return j < other_j
-
-
-@kernel
-def _push(events, node, w, i, j):
-    weight, left, right, nodes = events.weight, events.i, events.j, events.node
-    slot = events.size[0]
-    events.size[0] += 1
-    while slot > 0:
-        up = (slot - 1) >> 1
-        if not _is_before(w, i, j, weight[up], left[up], right[up]):
-            break
-        weight[slot], left[slot], right[slot], nodes[slot] = (
-            weight[up],
-            left[up],
-            right[up],
-            nodes[up],
-        )
-        slot = up
-    weight[slot], left[slot], right[slot], nodes[slot] = w, i, j, node
-
-
-@kernel
-def _pop(events):
-    weight, left, right, nodes = events.weight, events.i, events.j, events.node
-    first = nodes[0]
-    events.size[0] -= 1
-    size = events.size[0]
-    w, i, j, node = weight[size], left[size], right[size], nodes[size]
-    slot, child = 0, 1
-    while child < size:
-        other = child + 1
-        if other < size and _is_before(
-            weight[other], left[other], right[other], weight[child], left[child], right[child]
-        ):
-            child = other
-        if not _is_before(weight[child], left[child], right[child], w, i, j):
-            break
-        weight[slot], left[slot], right[slot], nodes[slot] = (
-            weight[child],
-            left[child],
-            right[child],
-            nodes[child],
-        )
-        slot, child = child, 2 * child + 1
-    weight[slot], left[slot], right[slot], nodes[slot] = w, i, j, node
-    return first
 
 
 @kernel
