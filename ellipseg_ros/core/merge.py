@@ -24,9 +24,8 @@ from ellipseg_ros.core.neighbours import Change
 from ellipseg_ros.core.sorting import Edges
 from ellipseg_ros.data import Array
 
-SHAPE, DENSITY, PARSIMONY = range(
-    len(CRITERIA)
-)  # numbers for the kernels, in the order of CRITERIA
+# Numbers for the kernels, in the order of CRITERIA.
+SHAPE, DENSITY, PARSIMONY = range(len(CRITERIA))
 SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
 MOST_SLABS = 8  # thinner ones have more edges across than within
 
