@@ -3,13 +3,15 @@
 import numpy as np
 
 from ellipseg_ros.core.ellipsoids import (
-    AXES,
     COUNT,
     COVARIANCE,
     CYLINDRICALITY,
     EIGENVALUES,
     MEAN,
     PLANARITY,
+    V1,
+    V2,
+    V3,
 )
 from ellipseg_ros.data import Array, Ellipsoids
 
@@ -20,13 +22,13 @@ def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> E
     own: moments of the points; model: of the unions; aicc (s,); origin (3,) m.
     """
     planarity, cylindricality = own[:, PLANARITY].copy(), own[:, CYLINDRICALITY].copy()
-    axes = own[:, AXES : AXES + 9].reshape(-1, 3, 3).transpose(0, 2, 1)
+    axes = np.stack([own[:, v : v + 3] for v in (V1, V2, V3)], axis=-1)
     return Ellipsoids(
         count=own[:, COUNT].astype(np.int64),
         mean=own[:, MEAN : MEAN + 3] + origin,
         covariance=_matrices(own),
-        eigenvalues=own[:, EIGENVALUES : EIGENVALUES + 3].copy(),
-        axes=np.ascontiguousarray(axes),
+        eigenvalues=own[:, EIGENVALUES : EIGENVALUES + 3][:, ::-1].copy(),
+        axes=axes,
         planarity=planarity,
         cylindricality=cylindricality,
         sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),

@@ -1,13 +1,16 @@
 """The pipeline: sweeps in, the segmented window out."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.edges import Renewed, renumbered, update_edges
 from ellipseg_ros.core.ellipsoids import (
-    EIGENVALUES,
+    COVARIANCE,
+    MEAN,
+    WIDTH,
     initial_ellipsoids,
     neighbour_masses,
     segment_moments,
@@ -54,6 +57,13 @@ def warm_up() -> None:
             segmenter.process(Sweep(stamp_ns=second * SECOND, points=points))
 
 
+class Own(NamedTuple):
+    """What was found of the segments' own points, for the next update; by segment."""
+
+    moments: Array  # (s, 24)
+    times: Array  # (s, 2) ns
+
+
 class Segmenter:
     """Segments a sliding window of sweeps; every call of `process` is one update.
 
@@ -64,6 +74,7 @@ class Segmenter:
     _neighbours: Neighbours
     _edges: Edges
     _merge: Merge
+    _own: Own
 
     def __init__(self, config: Config | None = None, origin: Array | None = None) -> None:
         self._config = config or Config()
@@ -118,6 +129,7 @@ class Segmenter:
         self._neighbours = Neighbours(self._config.graph)
         self._edges = no_edges()
         self._merge = Merge()
+        self._own = Own(np.zeros((0, WIDTH)), np.zeros((0, 2), np.int64))
 
     def _make_room(self, arriving: int) -> None:
         """Let every stage drop its dead rows, where there are many or no room is left."""
@@ -145,10 +157,13 @@ class Segmenter:
         takes_part = now.fate == TAKES_PART
         labels = now.fate.astype(np.int32)
         labels[takes_part] = merged.labels[self._neighbours.status > 0]  # -1 is ISOLATED
-        own = segment_moments(self._neighbours.points, merged.labels, len(merged.roots))
-        facts = np.column_stack([own[:, :EIGENVALUES], merged.aicc])
-        tracks = self._tracker.assign(now.arrival, labels, facts)
-        first, last = segment_times(now.times_ns, labels, len(merged.roots))
+        own = segment_moments(
+            self._neighbours.points, merged.labels, merged.before, self._own.moments
+        )
+        times = segment_times(now.times_ns, labels, merged.before, self._own.times)
+        self._own = Own(own, times)
+        facts = np.column_stack([own[:, : MEAN + 3], own[:, COVARIANCE:], merged.aicc])
+        tracks = self._tracker.assign(now.arrival, labels, facts, merged.before)
         model = self._merge.nodes[merged.roots]
         for column in (labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
@@ -168,8 +183,8 @@ class Segmenter:
             state=tracks.state,
             parents=tracks.parents,
             removed=tracks.removed,
-            first_seen_ns=first,
-            last_seen_ns=last,
+            first_seen_ns=times[:, 0],
+            last_seen_ns=times[:, 1],
             start_ns=self._window.start_ns,
             end_ns=self._window.end_ns,
             sequence=self._sequence,

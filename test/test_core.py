@@ -10,13 +10,15 @@ from ellipseg_ros.core import criteria, jit, kdtree
 from ellipseg_ros.core.edges import edge_weight
 from ellipseg_ros.core.eigen import eigen
 from ellipseg_ros.core.ellipsoids import (
-    AXES,
     COUNT,
     COVARIANCE,
     CYLINDRICALITY,
     EIGENVALUES,
     MEAN,
     PLANARITY,
+    V1,
+    V2,
+    V3,
     WIDTH,
     neighbour_masses,
     segment_moments,
@@ -117,8 +119,8 @@ def test_eigenvalues_and_axes_equal_those_of_lapack():
     for covariance in special + [random_moment(rng)[2] for _ in range(200)]:
         row = np.zeros((1, 18))
         row[0, :6] = covariance[UPPER]
-        eigen(row, 0, 0, 6, 9)
-        values, axes = row[0, 6:9], row[0, 9:].reshape(3, 3)
+        eigen(row, 0, 0, 6, (9, 12, 15))
+        values, axes = row[0, 8:5:-1], row[0, 9:].reshape(3, 3)
         expected, _ = naive.eigen(covariance)
         assert np.allclose(values, expected, rtol=0, atol=4e-15 * max(1e-300, expected[0]))
         assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-14) and np.linalg.det(axes) > 0
@@ -143,7 +145,7 @@ def test_initial_ellipsoids_masses_and_edges_equal_the_naive_ones(cloud, n):
         expected = models[i][2][UPPER]
         assert np.allclose(nodes[i, COVARIANCE : COVARIANCE + 6], expected, rtol=1e-9, atol=1e-15)
         assert masses[i] == pytest.approx(naive.mass(points, i, lists[i]), rel=1e-12)
-        values = nodes[i, EIGENVALUES : EIGENVALUES + 3]
+        values = nodes[i, EIGENVALUES : EIGENVALUES + 3][::-1]
         shares = naive.shape(values)
         assert np.allclose(nodes[i, [PLANARITY, CYLINDRICALITY]], shares[:2], atol=1e-12)
     found = graph.edges
@@ -213,7 +215,10 @@ def test_the_sorted_order_is_that_of_weight_then_i_then_j():
 def test_moments_of_labelled_points_equal_the_naive_ones():
     rng = np.random.default_rng(6)
     points, labels = street(80, rng), rng.integers(-1, 5, 80).astype(np.int32)
-    found = segment_moments(points, labels, 5)
+    nothing = np.zeros((0, WIDTH))
+    anew = segment_moments(points, labels, np.full(5, -1), nothing)
+    found = segment_moments(points, labels, np.array([-1, 3, -1, 2, -1]), anew[[0, 0, 3, 1]])
+    assert np.array_equal(found, anew)
     for s in range(5):
         count, mean, covariance = naive.moments(points[labels == s])
         assert found[s, COUNT] == count
@@ -225,4 +230,4 @@ def test_moments_of_labelled_points_equal_the_naive_ones():
 def test_no_extent_is_a_sphere_with_the_identity_for_axes():
     row = node((3, np.zeros(3), np.zeros((3, 3))))
     assert (row[PLANARITY], row[CYLINDRICALITY]) == (0.0, 0.0)
-    assert np.array_equal(row[AXES : AXES + 9], np.eye(3).ravel())
+    assert np.array_equal(row[[[axis, axis + 1, axis + 2] for axis in (V1, V2, V3)]], np.eye(3))

@@ -23,12 +23,18 @@ def numbered(labels):
 
 def test_ids_parents_and_removed_follow_the_rules_on_random_histories():
     rng = np.random.default_rng(0)
-    tracker, before, next_id = Tracker(), [], 1
+    tracker, before, next_id, told = Tracker(), [], 1, 0
     arrival, labels = np.arange(30), rng.integers(-1, 5, 30)
     for _ in range(60):
         labels = numbered(labels)
-        tracks = tracker.assign(arrival, labels, facts(labels))
         now = [set(arrival[labels == s]) for s in range(labels.max(initial=-1) + 1)]
+        old_sets = [points for _, points in before]
+        known = [
+            old_sets.index(points) if points in old_sets and rng.random() < 0.7 else -1
+            for points in now
+        ]
+        tracks = tracker.assign(arrival, labels, facts(labels), np.array(known, np.int32))
+        told += sum(row >= 0 for row in known)
         ids = naive.inherit(before, now, next_id)
         assert list(tracks.ids) == ids
         old_ids = {id_ for id_, _ in before}
@@ -42,14 +48,15 @@ def test_ids_parents_and_removed_follow_the_rules_on_random_histories():
         next_id = max([next_id, *(i + 1 for i in ids)])
         before = list(zip(ids, now, strict=True))
         # Some points expire, some arrive, some change sides.
-        stay = rng.random(len(arrival)) < 0.8
-        stay[: len(stay) // 4] = False
+        stay = rng.random(len(arrival)) < rng.choice([0.8, 1.0])
+        stay[: len(stay) // 4] = rng.random() < 0.5
         new = int(rng.integers(0, 20))
         last = arrival[-1] if len(arrival) else -1
         arrival = np.concatenate([arrival[stay], last + 1 + np.arange(new)])
         labels = np.concatenate([labels[stay], rng.integers(-1, 6, new)])
-        move = rng.random(len(labels)) < 0.1
+        move = rng.random(len(labels)) < rng.choice([0.0, 0.1])
         labels[move] = rng.integers(-1, 6, move.sum())
+    assert told > 20
 
 
 def test_a_reset_ends_every_id_and_uses_none_again():

@@ -3,12 +3,14 @@
 import math
 
 from ellipseg_ros.core.ellipsoids import (
-    AXES,
     COUNT,
     CYLINDRICALITY,
     EIGENVALUES,
     MEAN,
     PLANARITY,
+    V1,
+    V2,
+    V3,
 )
 from ellipseg_ros.core.jit import kernel
 
@@ -29,31 +31,31 @@ def shape_distance(nodes, a, b, floor, limit):
     dx = nodes[b, MEAN] - nodes[a, MEAN]
     dy = nodes[b, MEAN + 1] - nodes[a, MEAN + 1]
     dz = nodes[b, MEAN + 2] - nodes[a, MEAN + 2]
-    a3 = max(nodes[a, EIGENVALUES + 2], floor)
-    b3 = max(nodes[b, EIGENVALUES + 2], floor)
-    along_a = nodes[a, AXES + 6] * dx + nodes[a, AXES + 7] * dy + nodes[a, AXES + 8] * dz
-    along_b = nodes[b, AXES + 6] * dx + nodes[b, AXES + 7] * dy + nodes[b, AXES + 8] * dz
+    a3 = max(nodes[a, EIGENVALUES], floor)
+    b3 = max(nodes[b, EIGENVALUES], floor)
+    along_a = nodes[a, V3] * dx + nodes[a, V3 + 1] * dy + nodes[a, V3 + 2] * dz
+    along_b = nodes[b, V3] * dx + nodes[b, V3 + 1] * dy + nodes[b, V3 + 2] * dz
     total = fa * along_a * along_a / a3 + fb * along_b * along_b / b3
     if total > limit:
         return total
     a2 = max(nodes[a, EIGENVALUES + 1], floor)
     b2 = max(nodes[b, EIGENVALUES + 1], floor)
     pa, pb = nodes[a, PLANARITY], nodes[b, PLANARITY]
-    total += (fa * pa + fb * pb) * _tilt(nodes, a, b, AXES + 6) / (a3 / a2 + b3 / b2)
+    total += (fa * pa + fb * pb) * _tilt(nodes, a, b, V3) / (a3 / a2 + b3 / b2)
     if total > limit:
         return total
-    a1 = max(nodes[a, EIGENVALUES], floor)
-    b1 = max(nodes[b, EIGENVALUES], floor)
+    a1 = max(nodes[a, EIGENVALUES + 2], floor)
+    b1 = max(nodes[b, EIGENVALUES + 2], floor)
     ca, cb = nodes[a, CYLINDRICALITY], nodes[b, CYLINDRICALITY]
-    along_a = nodes[a, AXES + 3] * dx + nodes[a, AXES + 4] * dy + nodes[a, AXES + 5] * dz
-    along_b = nodes[b, AXES + 3] * dx + nodes[b, AXES + 4] * dy + nodes[b, AXES + 5] * dz
+    along_a = nodes[a, V2] * dx + nodes[a, V2 + 1] * dy + nodes[a, V2 + 2] * dz
+    along_b = nodes[b, V2] * dx + nodes[b, V2 + 1] * dy + nodes[b, V2 + 2] * dz
     total += (
         fa * (1.0 - pa) * along_a * along_a / a2
         + fb * (1.0 - pb) * along_b * along_b / b2
-        + (fa * ca + fb * cb) * _tilt(nodes, a, b, AXES) / (a2 / a1 + b2 / b1)
+        + (fa * ca + fb * cb) * _tilt(nodes, a, b, V1) / (a2 / a1 + b2 / b1)
     )
-    along_a = nodes[a, AXES] * dx + nodes[a, AXES + 1] * dy + nodes[a, AXES + 2] * dz
-    along_b = nodes[b, AXES] * dx + nodes[b, AXES + 1] * dy + nodes[b, AXES + 2] * dz
+    along_a = nodes[a, V1] * dx + nodes[a, V1 + 1] * dy + nodes[a, V1 + 2] * dz
+    along_b = nodes[b, V1] * dx + nodes[b, V1 + 1] * dy + nodes[b, V1 + 2] * dz
     sa, sb = max(0.0, 1.0 - pa - ca), max(0.0, 1.0 - pb - cb)
     return total + fa * sa * along_a * along_a / a1 + fb * sb * along_b * along_b / b1
 
@@ -77,9 +79,9 @@ def density_distance(nodes, union, mass):
         / 3.0
         * math.pi
         * math.sqrt(
-            nodes[union, EIGENVALUES]
+            nodes[union, EIGENVALUES + 2]
             * nodes[union, EIGENVALUES + 1]
-            * nodes[union, EIGENVALUES + 2]
+            * nodes[union, EIGENVALUES]
         )
     )
     if volume == 0.0:
@@ -97,9 +99,9 @@ def segment_aicc(nodes, i, noise):
     planarity, cylindricality = nodes[i, PLANARITY], nodes[i, CYLINDRICALITY]
     sphericity = max(0.0, 1.0 - planarity - cylindricality)
     product = (
-        max(nodes[i, EIGENVALUES] * sphericity, noise)
+        max(nodes[i, EIGENVALUES + 2] * sphericity, noise)
         * max(nodes[i, EIGENVALUES + 1] * (1.0 - planarity), noise)
-        * max(nodes[i, EIGENVALUES + 2], noise)
+        * max(nodes[i, EIGENVALUES], noise)
     )
     variance = n * (3.0 * LOG_2PI + math.log(product) + 3.0)
     return variance + 2.0 * PARAMETERS * n / max(1.0, n - PARAMETERS - 1.0)

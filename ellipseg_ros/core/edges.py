@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.ellipsoids import AXES, MEAN, PLANARITY
+from ellipseg_ros.core.ellipsoids import MEAN, PLANARITY, V3
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
 from ellipseg_ros.core.sorting import Edges, Pieces, no_edges, sorted_edges
 from ellipseg_ros.data import Array
 
 PARTS = 8  # of the rows or of the edges, between the threads
+STAYS, DIRTY = 1, 2  # status of a row: a member before and now with the same neighbours, or not
 
 
 class Renewed(NamedTuple):
@@ -19,13 +20,13 @@ class Renewed(NamedTuple):
 
     neighbours: Array  # (rows, k) int32, -1 for none
     nodes: Array  # (rows and more, 24): initial ellipsoids
-    dirty: Array  # (rows,) bool
-    stays: Array  # (rows,) bool: members before and now, and not dirty
+    status: Array  # (rows,) uint8: STAYS, DIRTY, or 0: no member now
 
     @classmethod
     def after(cls, change: Change, neighbours: Array, nodes: Array) -> "Renewed":
         """What a change of the graph leaves to do."""
-        return cls(neighbours, nodes, change.dirty, change.member & ~change.dirty)
+        status = np.where(change.dirty, np.uint8(DIRTY), change.member.astype(np.uint8))
+        return cls(neighbours, nodes, status)
 
 
 def renumbered(edges: Edges, keep: Array) -> Edges:
@@ -40,7 +41,7 @@ def update_edges(edges: Edges, renewed: Renewed) -> Edges:
 
     The new ones are sorted and then merged into those that stay, which are sorted already.
     """
-    size, rows = len(edges.weight), np.flatnonzero(renewed.dirty)
+    size, rows = len(edges.weight), np.flatnonzero(renewed.status == DIRTY)
     k = renewed.neighbours.shape[1]
     cuts, row_cuts = (np.linspace(0, n, PARTS + 1).astype(np.int64) for n in (size, len(rows)))
     made = no_edges(size + len(rows) * k)  # by clean rows at a dirty end, then by dirty ones
@@ -83,16 +84,16 @@ def _sift(  # noqa: PLR0913  # the ninth argument would only be hidden in a tupl
 ):
     """Tell which edges of a part stay, and make those that a clean end has to the dirty one."""
     weight, left, right = edges
-    neighbours, nodes, dirty, stays = renewed
+    neighbours, nodes, status = renewed
     made_weight, made_left, made_right = made
     start = place = pieces.start[part]
     count = 0
     for e in range(cuts[part], cuts[following]):
         i, j = left[e], right[e]
-        kept[e] = stays[i] and stays[j]
+        kept[e] = status[i] & status[j] & STAYS
         count += kept[e]
-        if (stays[i] and dirty[j] and _lists(neighbours, i, j)) or (
-            stays[j] and dirty[i] and _lists(neighbours, j, i)
+        if status[i] + status[j] == STAYS + DIRTY and (
+            _lists(neighbours, i, j) if status[i] == STAYS else _lists(neighbours, j, i)
         ):
             made_weight[place] = edge_weight(nodes, i, j)
             made_left[place], made_right[place] = i, j
@@ -115,7 +116,7 @@ def _find(part, following, cuts, rows, renewed, made, pieces):
     them (the others are in touch with an old edge), to later dirty ones, and to earlier dirty ones
     that do not list them."""
     weight, left, right = made
-    neighbours, nodes, _, stays = renewed
+    neighbours, nodes, status = renewed
     k = neighbours.shape[1]
     start = place = pieces.start[PARTS + part]
     for which in range(cuts[part], cuts[following]):
@@ -124,7 +125,7 @@ def _find(part, following, cuts, rows, renewed, made, pieces):
             other = neighbours[v, slot]
             if other < 0:
                 break
-            if (stays[other] or other < v) and _lists(neighbours, other, v):
+            if (status[other] == STAYS or other < v) and _lists(neighbours, other, v):
                 continue
             left[place], right[place] = min(v, other), max(v, other)
             weight[place] = edge_weight(nodes, left[place], right[place])
@@ -142,8 +143,8 @@ def edge_weight(nodes, i, j):
     dy = nodes[j, MEAN + 1] - nodes[i, MEAN + 1]
     dz = nodes[j, MEAN + 2] - nodes[i, MEAN + 2]
     gap = math.sqrt(dx * dx + dy * dy + dz * dz)
-    ix, iy, iz = nodes[i, AXES + 6], nodes[i, AXES + 7], nodes[i, AXES + 8]
-    jx, jy, jz = nodes[j, AXES + 6], nodes[j, AXES + 7], nodes[j, AXES + 8]
+    ix, iy, iz = nodes[i, V3], nodes[i, V3 + 1], nodes[i, V3 + 2]
+    jx, jy, jz = nodes[j, V3], nodes[j, V3 + 1], nodes[j, V3 + 2]
     cosine = ix * jx + iy * jy + iz * jz
     tilt = max(0.0, 1.0 - cosine * cosine)
     across = (abs(ix * dx + iy * dy + iz * dz) + abs(jx * dx + jy * dy + jz * dz)) / 2.0

@@ -13,8 +13,9 @@ def eigen(out, row, matrix, values, axes):
     """Decompose a symmetric matrix within a row of an array.
 
     out[row, matrix:matrix + 6] holds xx, xy, xz, yy, yz, zz; out[row, values:values + 3] gets the
-    eigenvalues, descending, clipped at 0; out[row, axes:axes + 9] the axes v1, v2, v3: largest
-    component of v1 and of v2 positive, v3 = v1 x v2. The identity where all eigenvalues are 0.
+    eigenvalues, ascending, clipped at 0. axes: where in the row the three components of v1, of v2
+    and of v3 go, descending by eigenvalue: largest component of v1 and of v2 positive,
+    v3 = v1 x v2. The identity where all eigenvalues are 0.
 
     The axis of the most separate eigenvalue by cross products, the other two by one rotation
     within its complement (Eberly, "A Robust Eigensolver for 3x3 Symmetric Matrices", 2014),
@@ -26,8 +27,8 @@ def eigen(out, row, matrix, values, axes):
     if not scale > TINY:
         for k in range(3):
             out[row, values + k] = 0.0
-        for k in range(9):
-            out[row, axes + k] = 1.0 if k % 4 == 0 else 0.0
+            for axis in range(3):
+                out[row, axes[axis] + k] = 1.0 if axis == k else 0.0
         return
     unit = 1.0 / scale
     xx, xy, xz, yy, yz, zz = xx * unit, xy * unit, xz * unit, yy * unit, yz * unit, zz * unit
@@ -44,14 +45,15 @@ def eigen(out, row, matrix, values, axes):
     ax, ay, az = sign * ax, sign * ay, sign * az
     sign = _sign(bx, by, bz)
     bx, by, bz = sign * bx, sign * by, sign * bz
-    out[row, values] = max(0.0, e1 * scale)
+    out[row, values] = max(0.0, e3 * scale)
     out[row, values + 1] = max(0.0, e2 * scale)
-    out[row, values + 2] = max(0.0, e3 * scale)
-    out[row, axes], out[row, axes + 1], out[row, axes + 2] = ax, ay, az
-    out[row, axes + 3], out[row, axes + 4], out[row, axes + 5] = bx, by, bz
-    out[row, axes + 6] = ay * bz - az * by
-    out[row, axes + 7] = az * bx - ax * bz
-    out[row, axes + 8] = ax * by - ay * bx
+    out[row, values + 2] = max(0.0, e1 * scale)
+    v1, v2, v3 = axes
+    out[row, v1], out[row, v1 + 1], out[row, v1 + 2] = ax, ay, az
+    out[row, v2], out[row, v2 + 1], out[row, v2 + 2] = bx, by, bz
+    out[row, v3] = ay * bz - az * by
+    out[row, v3 + 1] = az * bx - ax * bz
+    out[row, v3 + 2] = ax * by - ay * bx
 
 
 @kernel

@@ -9,13 +9,16 @@ from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.data import Array
 
 # A node is a row of 24 float64 (three cache lines): what the merging needs to know of a segment.
+# What an edge and the first term of the shape distance ask for stands first.
 COUNT = 0  # points
 MEAN = 1  # 3: m, local origin
-COVARIANCE = 4  # 6: xx, xy, xz, yy, yz, zz, m^2, divided by the count
-EIGENVALUES = 10  # 3: descending, clipped at 0, m^2
-AXES = 13  # 9: v1, v2, v3
-PLANARITY = 22
-CYLINDRICALITY = 23
+V3 = 4  # 3: the axis of the least eigenvalue
+EIGENVALUES = 7  # 3: ascending, clipped at 0, m^2
+PLANARITY = 10
+CYLINDRICALITY = 11
+V2 = 12  # 3
+V1 = 15  # 3
+COVARIANCE = 18  # 6: xx, xy, xz, yy, yz, zz, m^2, divided by the count
 WIDTH = 24
 
 
@@ -33,23 +36,29 @@ def neighbour_masses(points: Array, neighbours: Array, chosen: Array, masses: Ar
     for_rows(_masses, len(chosen), points, neighbours, chosen, masses)
 
 
-def segment_moments(points: Array, labels: Array, segments: int) -> Array:
+def segment_moments(points: Array, labels: Array, before: Array, old: Array) -> Array:
     """Nodes (s, 24) of the points themselves; labels (n,) int32, -1 for none.
 
+    before (s,): row of `old`, the nodes of the last update, if the points are the same, else -1.
     Sums run in the order of the points, about the first: exact to an ulp of the extent.
     """
-    nodes = np.zeros((segments, WIDTH))
-    _sum_points(points, labels, nodes)
-    for_rows(_shapes, segments, nodes)
+    nodes, new = np.zeros((len(before), WIDTH)), before < 0
+    nodes[~new] = old[before[~new]]
+    _sum_points(points, labels, new, nodes)
+    for_rows(_shapes, len(before), new, nodes)
     return nodes
 
 
-def segment_times(times: Array, labels: Array, segments: int) -> tuple[Array, Array]:
-    """Times (s,) of the oldest and of the newest point of every segment; times (n,) int64, ns."""
-    first = np.full(segments, np.iinfo(np.int64).max)
-    last = np.full(segments, np.iinfo(np.int64).min)
-    _times(times, labels, first, last)
-    return first, last
+def segment_times(times: Array, labels: Array, before: Array, old: Array) -> Array:
+    """Times (s, 2) of the oldest and of the newest point of every segment; times (n,) int64, ns.
+
+    before, old: as for the moments.
+    """
+    limits, new = np.iinfo(np.int64), before < 0
+    spans = np.where(new[:, None], [limits.max, limits.min], 0)
+    spans[~new] = old[before[~new]]
+    _times(times, labels, new, spans)
+    return spans
 
 
 @kernel
@@ -93,16 +102,17 @@ def _initial(start, stop, points, neighbours, chosen, nodes):
 @kernel
 def shape(nodes, i):
     """Eigenvalues, axes, planarity and cylindricality from the covariance (paper, eqs. 3-5)."""
-    eigen(nodes, i, COVARIANCE, EIGENVALUES, AXES)
-    e1, e2, e3 = nodes[i, EIGENVALUES], nodes[i, EIGENVALUES + 1], nodes[i, EIGENVALUES + 2]
+    eigen(nodes, i, COVARIANCE, EIGENVALUES, (V1, V2, V3))
+    e3, e2, e1 = nodes[i, EIGENVALUES], nodes[i, EIGENVALUES + 1], nodes[i, EIGENVALUES + 2]
     total = e1 + e2 + e3
     if total > 0.0:
         nodes[i, PLANARITY] = 2.0 * (e2 - e3) / total
         nodes[i, CYLINDRICALITY] = (e1 - e2) / total
     else:
         nodes[i, PLANARITY] = nodes[i, CYLINDRICALITY] = 0.0
-        for k in range(9):
-            nodes[i, AXES + k] = 1.0 if k % 4 == 0 else 0.0
+        for k in range(3):
+            for v, axis in enumerate((V1, V2, V3)):
+                nodes[i, axis + k] = 1.0 if v == k else 0.0
 
 
 @kernel
@@ -156,12 +166,12 @@ def _masses(start, stop, points, neighbours, chosen, masses):
 
 
 @kernel
-def _sum_points(points, labels, nodes):
-    """Count, mean and covariance of every segment, about its first point."""
+def _sum_points(points, labels, new, nodes):
+    """Count, mean and covariance of the new segments, about their first points."""
     first = np.zeros((len(nodes), 3))
     for i in range(len(points)):
         s = labels[i]
-        if s < 0:
+        if s < 0 or not new[s]:
             continue
         if nodes[s, COUNT] == 0.0:
             for axis in range(3):
@@ -169,12 +179,12 @@ def _sum_points(points, labels, nodes):
         nodes[s, COUNT] += 1.0
         for axis in range(3):
             nodes[s, MEAN + axis] += points[i, axis] - first[s, axis]
-    for s in range(len(nodes)):
+    for s in np.flatnonzero(new):
         for axis in range(3):
             nodes[s, MEAN + axis] = first[s, axis] + nodes[s, MEAN + axis] / nodes[s, COUNT]
     for i in range(len(points)):
         s = labels[i]
-        if s < 0:
+        if s < 0 or not new[s]:
             continue
         dx = points[i, 0] - nodes[s, MEAN]
         dy = points[i, 1] - nodes[s, MEAN + 1]
@@ -185,20 +195,21 @@ def _sum_points(points, labels, nodes):
         nodes[s, COVARIANCE + 3] += dy * dy
         nodes[s, COVARIANCE + 4] += dy * dz
         nodes[s, COVARIANCE + 5] += dz * dz
-    for s in range(len(nodes)):
+    for s in np.flatnonzero(new):
         for k in range(COVARIANCE, COVARIANCE + 6):
             nodes[s, k] /= nodes[s, COUNT]
 
 
 @kernel
-def _shapes(start, stop, nodes):
+def _shapes(start, stop, new, nodes):
     for i in range(start, stop):
-        shape(nodes, i)
+        if new[i]:
+            shape(nodes, i)
 
 
 @kernel
-def _times(times, labels, first, last):
+def _times(times, labels, new, spans):
     for i in range(len(times)):
         s = labels[i]
-        if s >= 0:
-            first[s], last[s] = min(first[s], times[i]), max(last[s], times[i])
+        if s >= 0 and new[s]:
+            spans[s, 0], spans[s, 1] = min(spans[s, 0], times[i]), max(spans[s, 1], times[i])

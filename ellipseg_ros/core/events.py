@@ -40,6 +40,14 @@ def is_before(w, i, j, other_w, other_i, other_j):
 
 
 @kernel
+def due(events, w, i, j):
+    """Whether a node wakes at the edge (w, i, j) or before."""
+    return events.size[0] > 0 and not is_before(
+        w, i, j, events.weight[0], events.i[0], events.j[0]
+    )
+
+
+@kernel
 def push(events, node, w, i, j):
     """Let a node wake at the edge (w, i, j)."""
     weight, left, right, nodes = events.weight, events.i, events.j, events.node

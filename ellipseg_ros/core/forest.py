@@ -6,6 +6,7 @@ import numpy as np
 
 from ellipseg_ros.core.ellipsoids import WIDTH
 from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.memory import room
 from ellipseg_ros.data import Array
 
 NONE = -1  # no parent, no child
@@ -23,6 +24,8 @@ class Forest(NamedTuple):
     made_i: Array  # int32
     made_j: Array
     above: Array  # int32: some ancestor made before the edge walked now, or the node itself
+    segment: Array  # int32: row of the last segmentation of which this was the root, else NONE
+    root: Array  # (capacity,) int32: by vertex: the root over it in that segmentation
     awake: Array  # (capacity,) bool: by vertex
     free: Array  # (capacity + 1,) int32: unions not in use; the last entry counts them
 
@@ -32,7 +35,7 @@ def new_forest(capacity: int) -> Forest:
     size = 2 * capacity
     unions = np.arange(size - 1, capacity - 1, -1)  # the lowest one is on top
     return Forest(
-        nodes=np.empty((size, WIDTH)),
+        nodes=room((size, WIDTH)),
         extra=np.empty(size),
         parent=np.full(size, NONE, np.int32),
         left=np.full(size, NONE, np.int32),
@@ -41,6 +44,8 @@ def new_forest(capacity: int) -> Forest:
         made_i=np.empty(size, np.int32),
         made_j=np.empty(size, np.int32),
         above=np.arange(size, dtype=np.int32),
+        segment=np.full(size, NONE, np.int32),
+        root=np.full(capacity, NONE, np.int32),
         awake=np.zeros(capacity, bool),
         free=np.append(unions, capacity).astype(np.int32),
     )
@@ -57,6 +62,8 @@ def renumbered_forest(old: Forest, keep: Array, capacity: int) -> Forest:
     names[unions] = kept
     _move_forest(old, keep, unions, names, forest)
     forest.parent[len(keep) : capacity] = NONE
+    forest.segment[len(keep) : capacity] = NONE
+    forest.root[len(keep) :] = NONE
     if forest is not old:
         forest.free[-1] = capacity - len(unions)
     return forest
@@ -68,6 +75,9 @@ def _move_forest(old, keep, unions, names, new):
     _copy(old.extra, keep, names, new.extra)
     _copy(old.extra, unions, names, new.extra)
     _copy(old.made_weight, unions, names, new.made_weight)
+    _copy(old.segment, keep, names, new.segment)
+    _copy(old.segment, unions, names, new.segment)
+    _relink(old.root, keep, names, new.root)
     for link, other in ((old.made_i, new.made_i), (old.made_j, new.made_j)):
         _relink(link, unions, names, other)
     for link, other in ((old.parent, new.parent), (old.left, new.left), (old.right, new.right)):
@@ -93,8 +103,10 @@ def _relink(link, which, names, new):
 
 
 @kernel
-def release(union, parent, left, right, free):
+def release(union, forest):
     """Take a union out of use."""
-    parent[union] = left[union] = right[union] = NONE
+    free = forest.free
+    forest.parent[union] = forest.left[union] = forest.right[union] = NONE
+    forest.segment[union] = NONE
     free[free[-1]] = union
     free[-1] += 1

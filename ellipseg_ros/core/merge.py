@@ -17,15 +17,17 @@ from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.criteria import density_distance, segment_aicc, shape_distance
 from ellipseg_ros.core.disjoint_set import find
 from ellipseg_ros.core.ellipsoids import MEAN, unite
-from ellipseg_ros.core.events import is_before, no_events, pop, push
+from ellipseg_ros.core.events import Events, due, is_before, no_events, pop, push
 from ellipseg_ros.core.forest import NONE, Forest, new_forest, release, renumbered_forest
-from ellipseg_ros.core.jit import THREADS, for_parts, kernel
+from ellipseg_ros.core.jit import THREADS, for_parts, for_rows, kernel
 from ellipseg_ros.core.neighbours import Change
+from ellipseg_ros.core.prefetch import prefetch
 from ellipseg_ros.core.sorting import Edges
 from ellipseg_ros.data import Array
 
 # Numbers for the kernels, in the order of CRITERIA.
 SHAPE, DENSITY, PARSIMONY = range(len(CRITERIA))
+AHEAD = 8  # edges ahead of the one walked, whose nodes are fetched already
 SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
 MOST_SLABS = 8  # thinner ones have more edges across than within
 
@@ -45,6 +47,9 @@ class Merged(NamedTuple):
     roots: Array  # (s,) int32: rows of the nodes, by the lowest vertex below
     labels: Array  # (rows,) int32: row of `roots` of every vertex, -1 for none
     aicc: Array  # (s,) float64
+    before: (
+        Array  # (s,) int32: row in the last update of the segment with the same vertices, or -1
+    )
 
 
 class Merge:
@@ -88,17 +93,25 @@ class Merge:
         if rule.criterion == PARSIMONY:
             _aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
         events = no_events(len(forest.parent) + 1)
-        _begin(forest, dirty, change.gone, events)
+        self._begin(dirty, change.gone, events)
         if np.count_nonzero(dirty) > SLABBED and np.array_equal(dirty, change.member):
             dirty = self._walk_slabs(edges, dirty)
-            _begin(forest, dirty, np.zeros_like(dirty), events)
+            self._begin(dirty, np.zeros_like(dirty), events)
         _walk(forest, edges, rule, events, 1)
         labels = np.full(len(change.member), -1, np.int32)
         roots = np.empty(np.count_nonzero(change.member), np.int32)
-        roots = roots[: _label(forest.above, change.member, labels, roots)]
+        before = np.empty(len(roots), np.int32)
+        count = _label(forest, change.member, labels, roots, before)
+        roots, before = roots[:count], before[:count]
+        forest.segment.fill(NONE)
+        forest.segment[roots] = np.arange(count)
         aicc = np.empty(len(forest.parent))
         _aicc_of(forest.nodes, roots, rule.noise, aicc)
-        return Merged(roots, labels, aicc[roots])
+        return Merged(roots, labels, aicc[roots], before)
+
+    def _begin(self, dirty: Array, gone: Array, events: Events) -> None:
+        _begin(self._forest, dirty, gone, events)
+        for_rows(_rest, len(self._forest.above), self._forest)
 
     def _walk_slabs(self, edges: Edges, member: Array) -> Array:
         """Walk the edges within slabs of space, one a thread; returns the ends of the others.
@@ -145,7 +158,7 @@ def _begin(forest, dirty, gone, events):
     """Take down what a dirty or gone vertex is part of; let the rest sleep."""
     parent, left, right = forest.parent, forest.left, forest.right
     made_weight, made_i, made_j = forest.made_weight, forest.made_i, forest.made_j
-    above, awake, free = forest.above, forest.awake, forest.free
+    awake = forest.awake
     capacity = len(awake)
     broken = np.zeros(capacity, np.bool_)
     count = 0
@@ -171,8 +184,14 @@ def _begin(forest, dirty, gone, events):
                 parent[child] = NONE
                 push(events, child, made_weight[union], made_i[union], made_j[union])
     for k in range(count):
-        release(unions[k], parent, left, right, free)
-    for node in range(len(above)):
+        release(unions[k], forest)
+
+
+@kernel
+def _rest(start, stop, forest):
+    """Let no path be shorter than the dendrogram's: edges begin anew."""
+    parent, above = forest.parent, forest.above
+    for node in range(start, stop):
         above[node] = node if parent[node] == NONE else parent[node]
 
 
@@ -184,14 +203,23 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
     above, made_weight = forest.above, forest.made_weight
     made_i, made_j = forest.made_i, forest.made_j
     criterion, tau, floor, noise = rule
-    next_weight, next_i, next_j, pending = events.weight, events.i, events.j, events.size
     a = b = 0
-    for e in range(len(weight)):
-        w, i, j = weight[e], edge_i[e], edge_j[e]
-        while pending[0] > 0 and not is_before(w, i, j, next_weight[0], next_i[0], next_j[0]):
-            _wake(pop(events), forest)
+    e, stop, last = 0, _wake_up(edges, 0, events), len(weight) - 1
+    while e <= last:
+        if e == stop:
+            while due(events, weight[e], edge_i[e], edge_j[e]):
+                _wake(pop(events), forest)
+            stop = _wake_up(edges, e, events)
+        i, j = edge_i[e], edge_j[e]
+        e += 1
         if int(awake[i]) + int(awake[j]) < ends:
             continue
+        w = weight[e - 1]
+        later = min(e + AHEAD, last)
+        if int(awake[edge_i[later]]) + int(awake[edge_j[later]]) >= ends:
+            for node in (above[edge_i[later]], above[edge_j[later]]):
+                prefetch(nodes, node, 0)
+                prefetch(nodes, node, 8)
         # Each end's highest ancestor made before this edge. Halving the path to it is allowed,
         # as edges only ascend.
         for side in range(2):
@@ -238,8 +266,30 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
             _disturb(a, forest, events)
         if not awake[j]:
             _disturb(b, forest, events)
+        if stop > e and due(events, weight[stop - 1], edge_i[stop - 1], edge_j[stop - 1]):
+            stop = _wake_up(edges, e, events)
         _join(a, b, union, forest)
         made_weight[union], made_i[union], made_j[union] = w, i, j
+
+
+@kernel
+def _wake_up(edges, start, events):
+    """The first edge from `start` on at which an event is due; the number of edges for none.
+
+    By doubling steps and then by halves: events are many, and mostly near.
+    """
+    weight, left, right = edges
+    low, high, step = start, start, 1
+    while high < len(weight) and not due(events, weight[high], left[high], right[high]):
+        low, high, step = high + 1, high + step, 2 * step
+    high = min(high, len(weight))
+    while low < high:
+        middle = (low + high) >> 1
+        if due(events, weight[middle], left[middle], right[middle]):
+            high = middle
+        else:
+            low = middle + 1
+    return low
 
 
 @kernel
@@ -265,7 +315,7 @@ def _disturb(node, forest, events):
         parent[sibling], above[sibling] = NONE, sibling
         push(events, sibling, forest.made_weight[up], forest.made_i[up], forest.made_j[up])
         below, higher = up, parent[up]
-        release(up, parent, left, right, forest.free)
+        release(up, forest)
         up = higher
 
 
@@ -284,17 +334,25 @@ def _wake(node, forest):
 
 
 @kernel
-def _label(above, member, labels, roots):
-    """Number the segments by their lowest vertex; returns how many there are."""
+def _label(forest, member, labels, roots, before):
+    """Number the segments by their lowest vertex; returns how many there are.
+
+    Most segments are those of the last update: where the root of then is one still, and has not
+    been released in the meantime, no path need be climbed.
+    """
+    above, parent, segment, last = forest.above, forest.parent, forest.segment, forest.root
     row = np.full(len(above), -1, np.int32)
     count = 0
     for v in range(len(member)):
         if not member[v]:
+            last[v] = NONE
             continue
-        root = find(above, v)
+        root = last[v]
+        if root == NONE or segment[root] == NONE or parent[root] != NONE:
+            root = last[v] = find(above, v)
         if row[root] < 0:
             row[root] = count
-            roots[count] = root
+            roots[count], before[count] = root, segment[root]
             count += 1
         labels[v] = row[root]
     return count

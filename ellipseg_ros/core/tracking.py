@@ -17,6 +17,13 @@ class Tracks(NamedTuple):
     removed: Array  # (r,) uint32, ascending
 
 
+class Labelled(NamedTuple):
+    """Points and their segments."""
+
+    arrival: Array  # (n,) int64 ascending
+    labels: Array  # (n,) int32, negative for none
+
+
 class Shares(NamedTuple):
     """How many surviving points the old segments gave the new ones; pairs by new, then old row."""
 
@@ -46,16 +53,23 @@ class Tracker:
         self._ids = np.zeros(0, np.uint32)
         self._facts = np.zeros((0, 0))
 
-    def assign(self, arrival: Array, labels: Array, facts: Array) -> Tracks:
+    def assign(
+        self, arrival: Array, labels: Array, facts: Array, before: Array | None = None
+    ) -> Tracks:
         """Name the segments of now.
 
         arrival (n,) int64 ascending; labels (n,) int32, rows of facts, negative for none;
-        facts (s, f): what makes a segment the same if it is bitwise equal, the count in column 0.
+        facts (s, f): what makes a segment the same if it is bitwise equal, the count in column 0;
+        before (s,): rows of the last segments with the same points, where that is known, else -1:
+        it saves time, and changes nothing.
 
         A segment inherits the id of the old segment with which it shares most points, if of all
         new segments it holds most of that one's surviving points. New ids ascend by row.
         """
-        shares = _share(labels, self._old_rows(arrival), len(facts), self._ids)
+        if before is None:
+            before = np.full(len(facts), -1, np.int32)
+        now, last = Labelled(arrival, labels), Labelled(self._arrival, self._labels)
+        shares = _share(now, last, before, facts[:, 0], self._ids)
         heirs = np.flatnonzero(shares.best_old >= 0)
         heirs = heirs[shares.best_new[shares.best_old[heirs]] == heirs]
         inherited = shares.best_old[heirs]
@@ -78,17 +92,6 @@ class Tracker:
         self._gone = np.zeros(0, np.uint32)
         return Tracks(ids, state, parents, removed)
 
-    def _old_rows(self, arrival: Array) -> Array:
-        """(n,) int32: the old segment of every point of now, -1 for none."""
-        rows = np.full(len(arrival), -1, np.int32)
-        if len(self._arrival) and len(arrival):
-            first, last = self._arrival[0], self._arrival[-1]
-            table = np.full(last - first + 1, -1, np.int32)
-            table[self._arrival - first] = np.maximum(self._labels, -1)
-            known = (arrival >= first) & (arrival <= last)
-            rows[known] = table[arrival[known] - first]
-        return rows
-
     def _same(self, heirs: Array, inherited: Array, shares: Shares, facts: Array) -> Array:
         """(heirs,) bool: the same points and the same facts as before."""
         if not len(heirs):
@@ -109,39 +112,41 @@ class Tracker:
         return Ragged(starts, old_ids[np.lexsort((old_ids, new))])
 
 
-def _share(labels: Array, old: Array, segments: int, old_ids: Array) -> Shares:
+def _share(now: Labelled, last: Labelled, before: Array, counts: Array, old_ids: Array) -> Shares:
+    segments, size = len(before), len(now.labels)
     starts = np.zeros(segments + 1, np.int64)
-    pairs, points = np.empty(len(labels), np.int32), np.empty(len(labels), np.int64)
+    pairs, points = np.empty(size, np.int32), np.empty(size, np.int64)
     best_old = np.full(segments, -1, np.int32)
     best_new = np.full(len(old_ids), -1, np.int32)
     found = Shares(starts, pairs, points, best_old, best_new)
-    _fill(labels, old, old_ids, found)
+    _fill(now, last, before, counts, old_ids, found)
     return found._replace(old=pairs[: starts[-1]], points=points[: starts[-1]])
 
 
 @kernel
-def _fill(labels, old, old_ids, shares):
+def _fill(now, last, before, counts, old_ids, shares):
     starts, pairs, points, best_old, best_new = shares
     segments = len(starts) - 1
-    # The points by new segment, in order.
+    # The points of changed segments, by segment, in order: from which old one they come.
     ends = np.zeros(segments + 1, np.int64)
-    for i in range(len(labels)):
-        if labels[i] >= 0:
-            ends[labels[i] + 1] += 1
+    for label in now.labels:
+        if label >= 0 and before[label] < 0:
+            ends[label + 1] += 1
     for s in range(segments):
         ends[s + 1] += ends[s]
     place = ends.copy()
     by_segment = np.empty(ends[segments], np.int32)
-    for i in range(len(labels)):
-        if labels[i] >= 0:
-            by_segment[place[labels[i]]] = old[i]
-            place[labels[i]] += 1
+    _old_rows(now, last, before, place, by_segment)
     # What each old segment gave.
     given = np.zeros(len(old_ids), np.int64)
     most = np.zeros(len(old_ids), np.int64)
     count = 0
     for s in range(segments):
         starts[s] = count
+        if before[s] >= 0:
+            given[before[s]] = counts[s]
+            pairs[count] = before[s]
+            count += 1
         for k in range(ends[s], ends[s + 1]):
             row = by_segment[k]
             if row >= 0:
@@ -166,3 +171,18 @@ def _fill(labels, old, old_ids, shares):
         for pair in range(starts[s], count):
             given[pairs[pair]] = 0
     starts[segments] = count
+
+
+@kernel
+def _old_rows(now, last, before, place, by_segment):
+    """Write the old segments of the points of changed segments, -1 for none, each to its place."""
+    old = 0
+    for i in range(len(now.labels)):
+        label = now.labels[i]
+        if label < 0 or before[label] >= 0:
+            continue
+        while old < len(last.arrival) and last.arrival[old] < now.arrival[i]:
+            old += 1
+        known = old < len(last.arrival) and last.arrival[old] == now.arrival[i]
+        by_segment[place[label]] = last.labels[old] if known else -1
+        place[label] += 1
