@@ -28,6 +28,9 @@ class Tree(NamedTuple):
     high: Array
     first: Array  # (nodes,) int32: the lowest row of a node; equal points lie in that order
     depth: int  # level of the leaves
+    reach: (
+        Array  # (leaves,) float64, m^2: no point of a leaf has a neighbour farther; inf: unknown
+    )
 
 
 class Search(NamedTuple):
@@ -55,7 +58,8 @@ def build(points: Array, rows: Array) -> Tree:
     nodes = [(node, depth + 1) for node in range(1 << top, 2 << top)]
     for_parts(nodes, _split, table, depth, low, high, first)
     x, y, z = (np.ascontiguousarray(table[:, axis]) for axis in range(3))
-    return Tree(x, y, z, table[:, 3].astype(np.int32), low, high, first, depth)
+    reach = np.full(1 << depth, np.inf)
+    return Tree(x, y, z, table[:, 3].astype(np.int32), low, high, first, depth, reach)
 
 
 def nearest(trees: list[Tree], search: Search) -> None:
@@ -72,6 +76,17 @@ def gaining(trees: list[Tree], entering: Tree, search: Search) -> Array:
         for source in trees:
             for_parts(_leaf_parts(source), _gaining, source, entering, search, gains)
     return gains
+
+
+def losing(trees: list[Tree], leaving: Tree, search: Search) -> Array:
+    """(rows,) bool: the wanted rows that lack a neighbour, or have one below the least status.
+
+    leaving: the points that have sunk below it since the wanted rows were searched.
+    """
+    loses = np.zeros(len(search.wanted), bool)
+    for source in trees:
+        for_parts(_leaf_parts(source), _losing, source, leaving, search, loses)
+    return loses
 
 
 def _leaf_parts(tree: Tree) -> list[tuple[int, int]]:
@@ -156,7 +171,7 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
     insertion in a function of its own, or the arrays taken out of the tuples further down, it
     takes 1.5 times as long: numba counts references at every call.
     """
-    x, y, z, rows, low, high, lowest, depth = target
+    x, y, z, rows, low, high, lowest, depth, _ = target
     from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
     wanted, status, least, found, squared = search
     n, k, leaves = len(x), found.shape[1], 1 << depth
@@ -233,18 +248,22 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
             row = from_rows[queries[q]]
             for slot in range(k):
                 found[row, slot], squared[row, slot] = near[q, slot], near_squared[q, slot]
+        source.reach[leaf] = _reach(source, leaf, search)
 
 
 @kernel
 def _gaining(first, last, source, entering, search, gains):
     """Mark the wanted points in the leaves first to last that an entering point comes near."""
-    x, y, z, rows, low, high, lowest, depth = entering
+    x, y, z, rows, low, high, lowest, depth, _ = entering
     from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
     wanted, _, _, found, squared = search
     n, k, leaves = len(x), found.shape[1], 1 << depth
     queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
     stack, gaps = np.empty(64, np.int64), np.empty(64)
     for leaf in range(first, last):
+        if not _comes_near(entering, source, leaf, box, stack, gaps):
+            continue
+        source.reach[leaf] = _reach(source, leaf, search)
         count, reach, last_row = 0, 0.0, -1
         start = (leaf * len(from_x)) >> source.depth
         end = ((leaf + 1) * len(from_x)) >> source.depth
@@ -283,6 +302,61 @@ def _gaining(first, last, source, entering, search, gains):
                     ):
                         gains[row] = True
                         break
+
+
+@kernel
+def _losing(first, last, source, leaving, search, loses):
+    """Mark the wanted points in the leaves first to last that have lost a neighbour."""
+    wanted, status, least, found, _ = search
+    box, stack, gaps = np.empty((2, 3)), np.empty(64, np.int64), np.empty(64)
+    for leaf in range(first, last):
+        if not _comes_near(leaving, source, leaf, box, stack, gaps):
+            continue
+        source.reach[leaf] = _reach(source, leaf, search)
+        start = (leaf * len(source.rows)) >> source.depth
+        end = ((leaf + 1) * len(source.rows)) >> source.depth
+        for position in range(start, end):
+            row = source.rows[position]
+            if wanted[row]:
+                for slot in range(found.shape[1]):
+                    if found[row, slot] < 0 or status[found[row, slot]] < least:
+                        loses[row] = True
+                        break
+
+
+@kernel
+def _comes_near(other, source, leaf, box, stack, gaps):
+    """Whether a point of the other tree may be, or have been, a neighbour of one in the leaf."""
+    reach, node = source.reach[leaf], (1 << source.depth) + leaf
+    if reach == np.inf:
+        return True
+    for axis in range(3):
+        box[0, axis], box[1, axis] = source.low[node, axis], source.high[node, axis]
+    leaves = 1 << other.depth
+    stack[0], top = 1, 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if node >= leaves:
+            if _gap(other.low, other.high, node, box) <= reach:
+                return True
+            continue
+        top = _descend(other.low, other.high, node, box, reach, stack, gaps, top)
+    return False
+
+
+@kernel
+def _reach(source, leaf, search):
+    """The longest squared distance to a last neighbour, of the living points in a leaf."""
+    reach = 0.0
+    last = search.squared.shape[1] - 1
+    start = (leaf * len(source.rows)) >> source.depth
+    end = ((leaf + 1) * len(source.rows)) >> source.depth
+    for position in range(start, end):
+        row = source.rows[position]
+        if search.status[row] > 0:
+            reach = max(reach, search.squared[row, last])
+    return reach
 
 
 @kernel

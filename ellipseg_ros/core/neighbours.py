@@ -66,7 +66,8 @@ class Neighbours:
         distance enters, one that loses its last leaves; to the others that is arrival and expiry.
         """
         was_member = self.status == MEMBER
-        self.status[np.searchsorted(self.serial[: self.count], expired)] = DEAD
+        dead = np.searchsorted(self.serial[: self.count], expired)
+        self.status[dead] = DEAD
         new = slice(self.count, self.count + len(arrived))
         self.count = new.stop
         self.points[new], self.serial[new] = arrived, serial
@@ -74,7 +75,7 @@ class Neighbours:
         self._grow_trees()
 
         # Everybody whose neighbours are lost or unknown asks among all living points.
-        ask = (self.status == ISOLATED) | self._incomplete(self.status == MEMBER)
+        ask = (self.status == ISOLATED) | self._losing(self.status == MEMBER, dead)
         self._search(ask, ISOLATED)
         limit = self._config.isolation_distance * self._config.isolation_distance
         enters = ask & (self._squared[:, 0] <= limit)
@@ -84,8 +85,10 @@ class Neighbours:
         entered = np.flatnonzero(enters & ~was_member)
 
         # Those that met an isolated one, lost one to isolation, or gained one, ask among members.
-        left = ask & was_member & ~enters
-        again = self._incomplete(member if left.any() else enters)
+        left = np.flatnonzero(ask & was_member & ~enters)
+        again = self._incomplete(enters)
+        if len(left):
+            again |= self._losing(member, left)
         settled = member & ~ask
         if settled.any():
             again |= self._gaining(settled, entered)
@@ -118,6 +121,10 @@ class Neighbours:
     def _gaining(self, wanted: Array, entered: Array) -> Array:
         entering = kdtree.build(self.points, entered)
         return kdtree.gaining(self._trees, entering, self._query(wanted, MEMBER))
+
+    def _losing(self, wanted: Array, lost: Array) -> Array:
+        leaving = kdtree.build(self.points, lost)
+        return kdtree.losing(self._trees, leaving, self._query(wanted, MEMBER))
 
     def _incomplete(self, wanted: Array) -> Array:
         """(rows,) bool: the wanted rows that lack a neighbour, or have one that is no member."""
