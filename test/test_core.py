@@ -25,7 +25,7 @@ from ellipseg_ros.core.ellipsoids import (
     shape,
     unite,
 )
-from ellipseg_ros.core.sorting import Edges, Pieces, sorted_edges
+from ellipseg_ros.core.sorting import EDGE, Pieces, sorted_edges
 
 UPPER = np.triu_indices(3)
 CLOUDS = [(street, 150), (grid, 150), (street, 12), (street, 11), (street, 3), (grid, 40)]
@@ -206,7 +206,9 @@ def test_the_sorted_order_is_that_of_weight_then_i_then_j():
         i, j = rng.integers(0, 40, n, np.int32), rng.integers(0, 40, n, np.int32)
         weight, i, j = (np.ascontiguousarray(c) for c in (weight, i, j))
         pieces = Pieces(np.array([0, 100, 250]), np.array([90, 0, 150]))
-        found = sorted_edges(Edges(weight, i, j), pieces)
+        made = np.empty(n, EDGE)
+        made["weight"], made["i"], made["j"] = weight, i, j
+        found = sorted_edges(made, pieces)
         meant = [k for k in range(n) if k < 90 or k >= 250]
         expected = sorted((weight[k], i[k], j[k]) for k in meant)
         assert list(zip(*found, strict=True)) == expected

@@ -8,7 +8,7 @@ import numpy as np
 from ellipseg_ros.core.ellipsoids import MEAN, PLANARITY, V3
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
-from ellipseg_ros.core.sorting import Edges, Pieces, no_edges, sorted_edges
+from ellipseg_ros.core.sorting import EDGE, Edges, Pieces, no_edges, sorted_edges
 from ellipseg_ros.data import Array
 
 PARTS = 8  # of the rows or of the edges, between the threads
@@ -44,7 +44,8 @@ def update_edges(edges: Edges, renewed: Renewed) -> Edges:
     size, rows = len(edges.weight), np.flatnonzero(renewed.status == DIRTY)
     k = renewed.neighbours.shape[1]
     cuts, row_cuts = (np.linspace(0, n, PARTS + 1).astype(np.int64) for n in (size, len(rows)))
-    made = no_edges(size + len(rows) * k)  # by clean rows at a dirty end, then by dirty ones
+    # By clean rows at a dirty end, then by dirty ones.
+    made = np.empty(size + len(rows) * k, EDGE)
     pieces = Pieces(
         np.concatenate([cuts[:-1], size + k * row_cuts[:-1]]), np.zeros(2 * PARTS, np.int64)
     )
@@ -85,7 +86,6 @@ def _sift(  # noqa: PLR0913  # the ninth argument would only be hidden in a tupl
     """Tell which edges of a part stay, and make those that a clean end has to the dirty one."""
     weight, left, right = edges
     neighbours, nodes, status = renewed
-    made_weight, made_left, made_right = made
     start = place = pieces.start[part]
     count = 0
     for e in range(cuts[part], cuts[following]):
@@ -95,8 +95,8 @@ def _sift(  # noqa: PLR0913  # the ninth argument would only be hidden in a tupl
         if status[i] + status[j] == STAYS + DIRTY and (
             _lists(neighbours, i, j) if status[i] == STAYS else _lists(neighbours, j, i)
         ):
-            made_weight[place] = edge_weight(nodes, i, j)
-            made_left[place], made_right[place] = i, j
+            made[place]["weight"] = edge_weight(nodes, i, j)
+            made[place]["i"], made[place]["j"] = i, j
             place += 1
     counts[part], pieces.count[part] = count, place - start
 
@@ -115,7 +115,6 @@ def _find(part, following, cuts, rows, renewed, made, pieces):
     """Make the edges that the dirty rows of one part own: those to rows that stay and do not list
     them (the others are in touch with an old edge), to later dirty ones, and to earlier dirty ones
     that do not list them."""
-    weight, left, right = made
     neighbours, nodes, status = renewed
     k = neighbours.shape[1]
     start = place = pieces.start[PARTS + part]
@@ -127,8 +126,9 @@ def _find(part, following, cuts, rows, renewed, made, pieces):
                 break
             if (status[other] == STAYS or other < v) and _lists(neighbours, other, v):
                 continue
-            left[place], right[place] = min(v, other), max(v, other)
-            weight[place] = edge_weight(nodes, left[place], right[place])
+            i, j = min(v, other), max(v, other)
+            made[place]["weight"] = edge_weight(nodes, i, j)
+            made[place]["i"], made[place]["j"] = i, j
             place += 1
     pieces.count[PARTS + part] = place - start
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from ellipseg_ros.core.ellipsoids import WIDTH
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.core.memory import room
 from ellipseg_ros.data import Array
 
 NONE = -1  # no parent, no child
@@ -35,7 +34,7 @@ def new_forest(capacity: int) -> Forest:
     size = 2 * capacity
     unions = np.arange(size - 1, capacity - 1, -1)  # the lowest one is on top
     return Forest(
-        nodes=room((size, WIDTH)),
+        nodes=np.empty((size, WIDTH)),
         extra=np.empty(size),
         parent=np.full(size, NONE, np.int32),
         left=np.full(size, NONE, np.int32),

@@ -67,6 +67,7 @@ def nearest(trees: list[Tree], search: Search) -> None:
     for source in trees:
         for target in (source, *(tree for tree in trees if tree is not source)):
             for_parts(_leaf_parts(source), _nearest, source, target, target is source, search)
+        for_parts(_leaf_parts(source), _measure, source, search)
 
 
 def gaining(trees: list[Tree], entering: Tree, search: Search) -> Array:
@@ -248,7 +249,24 @@ def _nearest(first, last, source, target, own, search):  # noqa: PLR0915  # see 
             row = from_rows[queries[q]]
             for slot in range(k):
                 found[row, slot], squared[row, slot] = near[q, slot], near_squared[q, slot]
-        source.reach[leaf] = _reach(source, leaf, search)
+        source.reach[leaf] = np.inf
+
+
+@kernel
+def _measure(first, last, source, search):
+    """Set the reach of the leaves first to last, where it is unknown."""
+    last_slot = search.squared.shape[1] - 1
+    for leaf in range(first, last):
+        if source.reach[leaf] < np.inf:
+            continue
+        reach = 0.0
+        start = (leaf * len(source.rows)) >> source.depth
+        end = ((leaf + 1) * len(source.rows)) >> source.depth
+        for position in range(start, end):
+            row = source.rows[position]
+            if search.status[row] > 0:
+                reach = max(reach, search.squared[row, last_slot])
+        source.reach[leaf] = reach
 
 
 @kernel
@@ -263,7 +281,6 @@ def _gaining(first, last, source, entering, search, gains):
     for leaf in range(first, last):
         if not _comes_near(entering, source, leaf, box, stack, gaps):
             continue
-        source.reach[leaf] = _reach(source, leaf, search)
         count, reach, last_row = 0, 0.0, -1
         start = (leaf * len(from_x)) >> source.depth
         end = ((leaf + 1) * len(from_x)) >> source.depth
@@ -312,7 +329,6 @@ def _losing(first, last, source, leaving, search, loses):
     for leaf in range(first, last):
         if not _comes_near(leaving, source, leaf, box, stack, gaps):
             continue
-        source.reach[leaf] = _reach(source, leaf, search)
         start = (leaf * len(source.rows)) >> source.depth
         end = ((leaf + 1) * len(source.rows)) >> source.depth
         for position in range(start, end):
@@ -343,20 +359,6 @@ def _comes_near(other, source, leaf, box, stack, gaps):
             continue
         top = _descend(other.low, other.high, node, box, reach, stack, gaps, top)
     return False
-
-
-@kernel
-def _reach(source, leaf, search):
-    """The longest squared distance to a last neighbour, of the living points in a leaf."""
-    reach = 0.0
-    last = search.squared.shape[1] - 1
-    start = (leaf * len(source.rows)) >> source.depth
-    end = ((leaf + 1) * len(source.rows)) >> source.depth
-    for position in range(start, end):
-        row = source.rows[position]
-        if search.status[row] > 0:
-            reach = max(reach, search.squared[row, last])
-    return reach
 
 
 @kernel

@@ -219,7 +219,7 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
         if int(awake[edge_i[later]]) + int(awake[edge_j[later]]) >= ends:
             for node in (above[edge_i[later]], above[edge_j[later]]):
                 prefetch(nodes, node, 0)
-                prefetch(nodes, node, 8)
+                prefetch(nodes, node, 64)
         # Each end's highest ancestor made before this edge. Halving the path to it is allowed,
         # as edges only ascend.
         for side in range(2):

@@ -12,7 +12,6 @@ from ellipseg_ros.config import GraphConfig
 from ellipseg_ros.core import kdtree
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.kdtree import Search
-from ellipseg_ros.core.memory import room
 from ellipseg_ros.data import Array
 
 DEAD, ISOLATED, MEMBER = range(3)  # status of a row; only members are vertices of the graph
@@ -141,7 +140,7 @@ def moved(values: Array, keep: Array, capacity: int) -> Array:
     """
     target = values
     if len(values) != capacity:
-        target = room((capacity, *values.shape[1:]), values.dtype)
+        target = np.empty((capacity, *values.shape[1:]), values.dtype)
     if len(keep):
         _move(values.reshape(len(values), -1), keep, target.reshape(capacity, -1))
     return target

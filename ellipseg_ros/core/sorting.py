@@ -5,10 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.core.jit import THREADS, for_parts, kernel
+from ellipseg_ros.core.prefetch import prefetch
 from ellipseg_ros.data import Array
 
 DIGIT = 11  # bits a pass; three passes take the upper half of a positive float64
 BUCKETS = 1 << DIGIT
+SHARE = 100_000  # edges that a thread sorts at a time: their keys fit its cache
+AHEAD = 16  # edges ahead of the one moved that are fetched already
 SHORT = 24  # a run of equal keys up to this length is sorted by insertion
 
 
@@ -25,6 +28,10 @@ def no_edges(size: int = 0) -> Edges:
     return Edges(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
 
 
+# An edge as it is made, in one place: sorting moves it once.
+EDGE = np.dtype([("weight", np.float64), ("i", np.int32), ("j", np.int32)])
+
+
 class Pieces(NamedTuple):
     """Which rows of a list of edges are meant: `count` ones from `start` on, of every piece."""
 
@@ -32,50 +39,75 @@ class Pieces(NamedTuple):
     count: Array  # (p,) int64
 
 
-def sorted_edges(edges: Edges, pieces: Pieces) -> Edges:
-    """The edges of all pieces in ascending order of (weight, i, j).
+def sorted_edges(made: Array, pieces: Pieces) -> Edges:
+    """The edges of all pieces of `made` (EDGE) in ascending order of (weight, i, j).
 
-    Each thread sorts those between two weights: the result is one total order, so the number of
-    threads cannot change it.
+    They are dealt out to parts between two weights, which are sorted one by one: the result is one
+    total order, so the number of threads cannot change it.
     """
     size = int(pieces.count.sum())
-    parts = [edges.weight[a : a + n] for a, n in zip(*pieces, strict=True)]
-    sample = np.sort(np.concatenate([part[:: size // 1024 + 1] for part in parts]))
-    cuts = [sample[len(sample) * k // THREADS] for k in range(1, THREADS)] if len(sample) else []
-    bounds = np.array([-np.inf, *cuts, np.inf])
-    starts = np.array([sum(np.count_nonzero(p < bound) for p in parts) for bound in bounds])
+    weights = [made["weight"][a : a + n] for a, n in zip(*pieces, strict=True)]
+    sample = np.sort(np.concatenate([part[:: size // 1024 + 1] for part in weights]))
+    parts = THREADS * (size // (THREADS * SHARE) + 1) if size else 1
+    bounds = sample[np.arange(1, parts) * len(sample) // parts]
+    tally = np.zeros((len(weights), parts), np.int64)
+    calls = [(k, k + 1) for k in range(len(weights))]
+    for_parts(calls, _tally, bounds, made, pieces, tally)
+    ends = np.cumsum(tally.T).reshape(parts, -1).T  # by part, then by piece
+    keys, rows = np.empty(size, np.uint32), np.empty(size, np.int32)
+    for_parts(calls, _deal, bounds, made, pieces, ends - tally, keys, rows)
     ascending = no_edges(size)
-    threads = [(k, k + 1) for k in range(len(bounds) - 1)]
-    for_parts(threads, _sort_between, bounds, starts, edges, pieces, ascending)
+    calls = [(end - n, end) for end, n in zip(ends[-1], tally.sum(axis=0), strict=True)]
+    for_parts(calls, _sort, keys, rows, made, ascending)
     return ascending
 
 
 @kernel
-def _sort_between(part, following, bounds, starts, edges, pieces, ascending):
-    weight, i, j = edges
-    start, stop = starts[part], starts[following]
-    keys, rows = np.empty(stop - start, np.uint32), np.empty(stop - start, np.int32)
-    bits = weight.view(np.uint64)
-    count = 0
-    for piece in range(len(pieces.start)):
-        begin = pieces.start[piece]
-        for row in range(begin, begin + pieces.count[piece]):
-            if bounds[part] <= weight[row] < bounds[following]:
-                keys[count], rows[count] = bits[row] >> 32, row
-                count += 1
+def _part(weight, bounds):
+    part = 0
+    for bound in bounds:
+        part += weight >= bound
+    return part
+
+
+@kernel
+def _tally(piece, _, bounds, made, pieces, tally):
+    """Count the edges of one piece by part."""
+    begin = pieces.start[piece]
+    for row in range(begin, begin + pieces.count[piece]):
+        tally[piece, _part(made[row]["weight"], bounds)] += 1
+
+
+@kernel
+def _deal(piece, _, bounds, made, pieces, places, keys, rows):
+    """Write the upper half of the weights of one piece, and their rows, part by part."""
+    begin = pieces.start[piece]
+    bits = made.view(np.uint64)  # two an edge
+    for row in range(begin, begin + pieces.count[piece]):
+        part = _part(made[row]["weight"], bounds)
+        place = places[piece, part]
+        places[piece, part] += 1
+        keys[place], rows[place] = bits[2 * row] >> 32, row
+
+
+@kernel
+def _sort(start, stop, all_keys, all_rows, made, ascending):
+    """Write the edges of one part in their order."""
+    keys, rows = all_keys[start:stop], all_rows[start:stop]
     _radix(keys, rows)
-    first = 0
+    first, count = 0, stop - start
     for last in range(1, count + 1):
         if last == count or keys[last] != keys[first]:
             if 1 < last - first <= SHORT:
-                _insertion(rows, first, last, weight, i, j)
+                _insertion(rows, first, last, made)
             elif last - first > SHORT:
-                _heap(rows[first:last], weight, i, j)
+                _heap(rows[first:last], made)
             first = last
-    to_weight, to_i, to_j = ascending
+    weight, i, j = ascending
     for k in range(count):
-        row = rows[k]
-        to_weight[start + k], to_i[start + k], to_j[start + k] = weight[row], i[row], j[row]
+        prefetch(made, rows[min(k + AHEAD, count - 1)], 0)
+        edge, place = made[rows[k]], start + k
+        weight[place], i[place], j[place] = edge["weight"], edge["i"], edge["j"]
 
 
 @kernel
@@ -101,28 +133,28 @@ def _radix(keys, rows):
 
 
 @kernel
-def before(a, b, weight, i, j):
+def before(a, b, made):
     """Whether row a comes before row b."""
-    if weight[a] != weight[b]:
-        return weight[a] < weight[b]
-    if i[a] != i[b]:
-        return i[a] < i[b]
-    return j[a] < j[b]
+    if made[a]["weight"] != made[b]["weight"]:
+        return made[a]["weight"] < made[b]["weight"]
+    if made[a]["i"] != made[b]["i"]:
+        return made[a]["i"] < made[b]["i"]
+    return made[a]["j"] < made[b]["j"]
 
 
 @kernel
-def _insertion(rows, first, last, weight, i, j):
+def _insertion(rows, first, last, made):
     for t in range(first + 1, last):
         row = rows[t]
         slot = t
-        while slot > first and before(row, rows[slot - 1], weight, i, j):
+        while slot > first and before(row, rows[slot - 1], made):
             rows[slot] = rows[slot - 1]
             slot -= 1
         rows[slot] = row
 
 
 @kernel
-def _heap(rows, weight, i, j):
+def _heap(rows, made):
     """Heap sort (Williams 1964): no worse on many equal keys, as duplicate points make."""
     size = len(rows)
     build = size // 2
@@ -137,9 +169,9 @@ def _heap(rows, weight, i, j):
         row = rows[parent]
         child = 2 * parent + 1
         while child < size:
-            if child + 1 < size and before(rows[child], rows[child + 1], weight, i, j):
+            if child + 1 < size and before(rows[child], rows[child + 1], made):
                 child += 1
-            if not before(row, rows[child], weight, i, j):
+            if not before(row, rows[child], made):
                 break
             rows[parent] = rows[child]
             parent, child = child, 2 * child + 1

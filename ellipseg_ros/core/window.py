@@ -6,6 +6,7 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
+from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.data import REJECTED, SECOND, THINNED, Array, Sweep, join_fields
 
 LARGEST = 1e8  # m: a coordinate beyond is no measurement (the Earth's radius is 6.4e6 m)
@@ -117,14 +118,13 @@ class Window:
 
     def _fate(self, sweep: Sweep, budget: float) -> Array:
         """Who takes part; about `budget` points at most, spread evenly among the good ones."""
-        with np.errstate(invalid="ignore"):
-            good = np.abs(sweep.points).max(axis=1, initial=0.0) <= LARGEST
-        fate = np.where(good, TAKES_PART, REJECTED).astype(np.int8)
-        count = int(np.count_nonzero(good))
+        fate = np.empty(len(sweep), np.int8)
+        count = _check(sweep.points, fate)
         if count > budget:
             serial = np.arange(self._counted, self._counted + count, dtype=np.uint64)
             share = (serial * WEYL) >> np.uint64(32)
-            fate[np.flatnonzero(good)[share >= np.uint64(budget / count * 2.0**32)]] = THINNED
+            good = np.flatnonzero(fate == TAKES_PART)
+            fate[good[share >= np.uint64(budget / count * 2.0**32)]] = THINNED
         self._counted += count
         return fate
 
@@ -141,6 +141,19 @@ class Window:
         if self.started and times.max() > self.end_ns:
             since = min(since, float(times.max() - self.end_ns) / SECOND)
         return config.max_points_per_second * max(span, since)
+
+
+@kernel
+def _check(points, fate):
+    """Reject points that are not finite, or too far to be real; returns how many are left."""
+    count = 0
+    for i in range(len(points)):
+        good = True
+        for axis in range(3):
+            good = good and abs(points[i, axis]) <= LARGEST  # NaN is not
+        fate[i] = TAKES_PART if good else REJECTED
+        count += good
+    return count
 
 
 def chosen(rows: Array, mask: Array) -> Array:
