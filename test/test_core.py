@@ -7,6 +7,7 @@ from clouds import grid, street
 from stages import graph_of
 
 from ellipseg_ros.core import criteria, jit, kdtree
+from ellipseg_ros.core.affected import gaining, losing
 from ellipseg_ros.core.edges import edge_weight
 from ellipseg_ros.core.eigen import eigen
 from ellipseg_ros.core.ellipsoids import (
@@ -25,6 +26,7 @@ from ellipseg_ros.core.ellipsoids import (
     shape,
     unite,
 )
+from ellipseg_ros.core.search import Search, nearest
 from ellipseg_ros.core.sorting import EDGE, Pieces, sorted_edges
 
 UPPER = np.triu_indices(3)
@@ -65,7 +67,7 @@ def test_points_of_a_lesser_status_are_nobodys_neighbours_in_any_number_of_trees
     status = (np.arange(100) % 3 != 0).astype(np.uint8)
     trees = [kdtree.build(points, rows) for rows in np.split(np.arange(100), [60, 65, 65])]
     rows, squared = np.full((100, 10), -1, np.int32), np.full((100, 10), np.inf)
-    kdtree.nearest(trees, kdtree.Search(status == 1, status, 1, rows, squared))
+    nearest(trees, Search(status == 1, status, 1, rows, squared))
     members = list(np.flatnonzero(status))
     assert (rows[status == 0] == -1).all()
     for i in members:
@@ -91,13 +93,46 @@ def test_who_gains_a_neighbour_is_found_to_the_last_tie():
     old, new = np.arange(0, 120, 2), np.arange(1, 120, 2)
     status = np.ones(120, np.uint8)
     rows, squared = np.full((120, 10), -1, np.int32), np.full((120, 10), np.inf)
-    search = kdtree.Search(np.arange(120) % 2 == 0, status, 1, rows, squared)
+    search = Search(np.arange(120) % 2 == 0, status, 1, rows, squared)
     tree = kdtree.build(points, old)
-    kdtree.nearest([tree], search)
-    gains = kdtree.gaining([tree], kdtree.build(points, new), search)
+    nearest([tree], search)
+    gains = gaining([tree], kdtree.build(points, new), search)
     for i in old:
         before, now = (naive.nearest(points, i, who, 10) for who in (old, range(120)))
         assert gains[i] == (before != now)
+
+
+@pytest.mark.parametrize("cloud", [street, grid])
+def test_who_gains_or_loses_is_found_where_little_comes_and_goes(cloud):
+    """Again and again, so that what a leaf remembers of its reach would show where it is stale."""
+    n, rng = 160, np.random.default_rng(4)
+    points = cloud(n, rng)
+    status = (np.arange(n) < 120).astype(np.uint8)
+    rows, squared = np.full((n, 10), -1, np.int32), np.full((n, 10), np.inf)
+    tree = kdtree.build(points, np.arange(n))
+    nearest([tree], Search(status == 1, status, 1, rows, squared))
+    seen = 0
+    for new in np.split(np.arange(120, n), 8):
+        here = list(np.flatnonzero(status))
+        gone = rng.choice(here, 3, replace=False)
+        lists = {i: naive.nearest(points, i, here, 10) for i in here}
+        status[gone] = 0
+        here = list(np.flatnonzero(status))
+        search = Search(status == 1, status, 1, rows, squared)
+        loses = losing([tree], kdtree.build(points, gone), search)
+        assert {i for i in here if loses[i]} == {i for i in here if set(lists[i]) & set(gone)}
+        nearest([tree], search._replace(wanted=loses))
+        status[new] = 1
+        gains = gaining([tree], kdtree.build(points, new), search)
+        everybody = here + list(new)
+        for i in here:
+            before, now = (naive.nearest(points, i, who, 10) for who in (here, everybody))
+            assert gains[i] == (before != now)
+        seen += sum(gains) + sum(loses)
+        again = gains.copy()
+        again[new] = True
+        nearest([tree], Search(again, status, 1, rows, squared))
+    assert 0 < seen < 8 * len(everybody)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

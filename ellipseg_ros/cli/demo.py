@@ -10,7 +10,6 @@ from pathlib import Path
 from ellipseg_ros.cli.check import Check, received
 from ellipseg_ros.cli.node_process import NodeProcess
 from ellipseg_ros.cli.report import (
-    SECOND,
     Meter,
     Progress,
     Summary,
@@ -24,7 +23,7 @@ from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source

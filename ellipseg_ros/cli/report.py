@@ -16,12 +16,10 @@ import numpy as np
 from tqdm import tqdm  # the usual one: small, and it knows terminals
 
 from ellipseg_ros.cli.settings import Settings
-from ellipseg_ros.data import Segmentation, Sweep
+from ellipseg_ros.data import SECOND, Segmentation, Sweep
 
 Summary = dict[str, Any]  # nested, JSON-ready; names carry the unit
 Progress: TypeAlias = "tqdm[Any]"
-
-SECOND = 1e9  # ns
 
 
 @dataclass

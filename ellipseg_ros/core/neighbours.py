@@ -10,8 +10,9 @@ import numpy as np
 
 from ellipseg_ros.config import GraphConfig
 from ellipseg_ros.core import kdtree
+from ellipseg_ros.core.affected import gaining, losing
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.kdtree import Search
+from ellipseg_ros.core.search import Search, nearest
 from ellipseg_ros.data import Array
 
 DEAD, ISOLATED, MEMBER = range(3)  # status of a row; only members are vertices of the graph
@@ -115,15 +116,15 @@ class Neighbours:
         return Search(wanted, self.status, least, self.rows, self._squared)
 
     def _search(self, wanted: Array, least: int) -> None:
-        kdtree.nearest(self._trees, self._query(wanted, least))
+        nearest(self._trees, self._query(wanted, least))
 
     def _gaining(self, wanted: Array, entered: Array) -> Array:
         entering = kdtree.build(self.points, entered)
-        return kdtree.gaining(self._trees, entering, self._query(wanted, MEMBER))
+        return gaining(self._trees, entering, self._query(wanted, MEMBER))
 
     def _losing(self, wanted: Array, lost: Array) -> Array:
         leaving = kdtree.build(self.points, lost)
-        return kdtree.losing(self._trees, leaving, self._query(wanted, MEMBER))
+        return losing(self._trees, leaving, self._query(wanted, MEMBER))
 
     def _incomplete(self, wanted: Array) -> Array:
         """(rows,) bool: the wanted rows that lack a neighbour, or have one that is no member."""

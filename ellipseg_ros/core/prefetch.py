@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
@@ -23,9 +22,9 @@ def _prefetch(_: Any, array: Any, row: Any, byte: Any) -> Any:
         start = cgutils.get_item_pointer(
             context, builder, array, made, [args[1], *first], wraparound=False
         )
-        number, pointer = ir.IntType(32), ir.IntType(8).as_pointer()
+        number, pointer = cgutils.int32_t, cgutils.voidptr_t
         place = cgutils.pointer_add(builder, start, args[2], pointer)
-        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        kind = cgutils.ir.FunctionType(cgutils.ir.VoidType(), [pointer, number, number, number])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
         read, keep, data = number(0), number(3), number(1)
         builder.call(function, [place, read, keep, data])

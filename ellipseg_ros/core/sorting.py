@@ -5,13 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.core.jit import THREADS, for_parts, kernel
-from ellipseg_ros.core.prefetch import prefetch
 from ellipseg_ros.data import Array
 
 DIGIT = 11  # bits a pass; three passes take the upper half of a positive float64
 BUCKETS = 1 << DIGIT
 SHARE = 100_000  # edges that a thread sorts at a time: their keys fit its cache
-AHEAD = 16  # edges ahead of the one moved that are fetched already
 SHORT = 24  # a run of equal keys up to this length is sorted by insertion
 
 
@@ -105,7 +103,6 @@ def _sort(start, stop, all_keys, all_rows, made, ascending):
             first = last
     weight, i, j = ascending
     for k in range(count):
-        prefetch(made, rows[min(k + AHEAD, count - 1)], 0)
         edge, place = made[rows[k]], start + k
         weight[place], i[place], j[place] = edge["weight"], edge["i"], edge["j"]
 

@@ -1,28 +1,22 @@
 """Writes what the segmenter publishes into a bag, as it comes."""
 
-import struct
 from collections.abc import Callable
 from threading import Condition
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.data import SECOND, Sweep
+from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.bag import BagSink
-from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.hearing import TOPICS, header_time, hear
 from ellipseg_ros.ros.process import Spinner
 
-TOPICS = {"segmented_points": PointCloud2, "ellipsoids": MarkerArray, "segments": SegmentArray}
 STAMPED = ("segmented_points", "segments")  # messages that begin with a header
-DEPTH = 100  # messages kept while the bag is written
 SMALL = 1000  # bytes: more than one marker takes
 
 
@@ -45,7 +39,7 @@ class Recorder:
         self._context = Context()
         rclpy.init(args=args or [], context=self._context)
         self._node = Node("ellipseg_recorder", context=self._context)
-        self._subscribe()
+        hear(self._node, self._on_message, self._on_match, self._on_diagnostics)
         self._spinner = Spinner(self._node, self._fail)
 
     def __enter__(self) -> "Recorder":
@@ -97,22 +91,6 @@ class Recorder:
             self._stopped = self._stopped or reason
             self._changed.notify_all()
 
-    def _subscribe(self) -> None:
-        for topic, kind in TOPICS.items():
-            self._node.create_subscription(
-                kind,
-                topic,
-                lambda data, topic=topic: self._on_message(topic, data),
-                DEPTH,
-                raw=True,
-                event_callbacks=SubscriptionEventCallbacks(
-                    matched=lambda event, topic=topic: self._on_match(topic, event)
-                ),
-            )
-        self._node.create_subscription(
-            DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH
-        )
-
     def _on_message(self, topic: str, data: bytes) -> None:
         with self._changed:
             if topic in STAMPED:
@@ -123,16 +101,13 @@ class Recorder:
             self.updates += topic == "segments"
             self._changed.notify_all()
 
-    def _on_match(self, topic: str, event: QoSSubscriptionMatchedInfo) -> None:
-        self._note(lambda: self._matched.update({topic: event.current_count}))
+    def _on_match(self, topic: str, publishers: int) -> None:
+        self._note(lambda: self._matched.update({topic: publishers}))
 
-    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        own = f"{self._node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
-        for status in msg.status:
-            if status.name.startswith(own):
-                with self._changed:
-                    self.diagnostics = {item.key: item.value for item in status.values}
-                    self._changed.notify_all()
+    def _on_diagnostics(self, values: dict[str, str]) -> None:
+        with self._changed:
+            self.diagnostics = values
+            self._changed.notify_all()
 
     def _note(self, change: Callable[[], object]) -> None:
         with self._changed:
@@ -150,13 +125,6 @@ class Recorder:
     def _fail(self, error: BaseException | None) -> None:
         if error is not None:
             self.stop(f"recording failed: {error}")
-
-
-def header_time(data: bytes) -> int:
-    """Stamp of a serialized message that begins with a std_msgs/Header, ns."""
-    order = "<" if data[1] & 1 else ">"
-    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
-    return int(seconds) * SECOND + int(nanoseconds)
 
 
 def takes_all_away(data: bytes) -> bool:
