@@ -55,6 +55,8 @@ def warm_up() -> None:
         for second in range(8):
             points = rng.uniform(0.0, 2.0, (40, 3)) + [0.5 * second, 0.0, 0.0]
             segmenter.process(Sweep(stamp_ns=second * SECOND, points=points))
+        segmenter.configure(Config(criterion=criterion, threshold=0.0))
+        segmenter.process(Sweep(stamp_ns=8 * SECOND, points=np.zeros((0, 3))))
 
 
 class Own(NamedTuple):

@@ -8,7 +8,7 @@ from clouds import SECOND, grid, street
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ellipseg_ros.config import Config, GraphConfig, ModelConfig
+from ellipseg_ros.config import CRITERIA, Config, GraphConfig, ModelConfig
 from ellipseg_ros.core import jit
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.grouping import Grouping, updates
@@ -187,3 +187,19 @@ def state_bytes(thing, seen=None):
         return sum(state_bytes(part, seen) for part in thing)
     parts = vars(thing).values() if hasattr(thing, "__dict__") else ()
     return sum(state_bytes(part, seen) for part in parts)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("cloud", [street, grid])
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_lower_and_lower_thresholds_keep_it_batch(criterion, cloud):
+    """On a window that moves, and on one that stays."""
+    rng = np.random.default_rng(3)
+    segmenter = Segmenter()
+    highest = {"shape": 60.0, "density": 1.0, "parsimony": 80.0}[criterion]
+    for number, sweep in enumerate(wild_stream(rng, 6 if jit.PLAIN else 60, cloud)):
+        tau = highest * rng.choice([0.9, 0.5]) ** (number % 15)
+        config = window(criterion=criterion, threshold=tau)
+        segmenter.configure(config)
+        stays = replace(sweep, points=sweep.points[:0], offsets_ns=sweep.offsets_ns[:0])
+        assert_batch(segmenter.process(stays if number % 2 else sweep), config)

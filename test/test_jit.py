@@ -43,7 +43,7 @@ def warm_then_work():
         segmenter = Segmenter(config)
         for group in updates(stream(np.random.default_rng(0), sweeps=60), config):
             segmenter.process(group)
-        segmenter.configure(Config(criterion="shape", threshold=1.0))
+        segmenter.configure(Config(criterion=criterion, threshold=1e-3))
         segmenter.process(Sweep(10**12, np.zeros((0, 3))))
     segment(np.random.default_rng(1).random((25_000, 3)))
     after = compiled()

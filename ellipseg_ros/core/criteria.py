@@ -104,4 +104,10 @@ def segment_aicc(nodes, i, noise):
         * max(nodes[i, EIGENVALUES], noise)
     )
     variance = n * (3.0 * LOG_2PI + math.log(product) + 3.0)
-    return variance + 2.0 * PARAMETERS * n / max(1.0, n - PARAMETERS - 1.0)
+    return variance + bias(n)
+
+
+@kernel
+def bias(n):
+    """Bias term of the AICc of a segment of n points: what its parameters cost (paper, eq. 14)."""
+    return 2.0 * PARAMETERS * n / max(1.0, n - PARAMETERS - 1.0)

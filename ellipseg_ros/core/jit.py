@@ -10,8 +10,10 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 from numba import config, njit
@@ -53,6 +55,27 @@ THREADS = len(os.sched_getaffinity(0))
 LEAST = 2048  # rows below which a thread is not worth its start
 PLAIN = config.DISABLE_JIT  # kernels run as plain Python: for tests
 _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
+_here = threading.local()  # .alone: this thread shares nothing with the pool
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Within it, this thread does everything by itself: beside others that do the same."""
+    before = _alone()
+    _here.alone = True
+    try:
+        yield
+    finally:
+        _here.alone = before
+
+
+def _alone() -> bool:
+    return getattr(_here, "alone", False)
+
+
+def helpers() -> int:
+    """How many threads may help this one."""
+    return 0 if _alone() else THREADS - 1
 
 
 def _renew() -> None:
@@ -80,7 +103,7 @@ def for_parts(parts: list[tuple[int, int]], function: Callable[..., Any], *args:
         for part in left:
             function(*part, *args)
 
-    others = [_pool.submit(work) for _ in range(min(THREADS, len(parts)) - 1)]
+    others = [_pool.submit(work) for _ in range(min(helpers(), len(parts) - 1))]
     work()
     for other in others:
         other.result()

@@ -7,6 +7,8 @@ between sleepers are skipped, and a sleeper's state at an edge is its highest an
 It wakes at the edge that made its parent, if that parent holds a change, or when an awake segment
 merges with it; then the siblings above become sleepers of their own, until *their* parents' edges.
 With every vertex dirty this is the plain walk: there is no second code for batch.
+A lower threshold refuses some unions, and accepts none that was refused: those above it count as
+changes, and everything below them sleeps.
 """
 
 from typing import NamedTuple
@@ -30,6 +32,7 @@ SHAPE, DENSITY, PARSIMONY = range(len(CRITERIA))
 AHEAD = 8  # edges ahead of the one walked, whose nodes are fetched already
 SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
 MOST_SLABS = 8  # thinner ones have more edges across than within
+NO_UNIONS = np.zeros(0, np.int32)
 
 
 class Rule(NamedTuple):
@@ -57,6 +60,7 @@ class Merge:
 
     def __init__(self) -> None:
         self._rule = Rule(-1, 0.0, 0.0, 0.0)  # none yet
+        self._lowered = False  # the threshold alone has changed, to a lower one
         self._forest = new_forest(0)
 
     @property
@@ -74,15 +78,19 @@ class Merge:
         self._forest = renumbered_forest(self._forest, keep, capacity)
 
     def widened(self, change: Change, config: Config) -> Array:
-        """The dirty vertices; all where the criterion or its numbers have changed."""
+        """The dirty vertices; all where the criterion or its numbers have changed.
+
+        A threshold that only became lower makes none dirty: `update` undoes what it refuses.
+        """
         rule = Rule(
             CRITERIA.index(config.criterion),
             config.tau,
             config.model.eigenvalue_floor,
             config.model.noise_variance,
         )
-        changed, self._rule = rule != self._rule, rule
-        return change.member if changed else change.dirty
+        old, self._rule = self._rule, rule
+        self._lowered = rule.tau < old.tau and rule._replace(tau=old.tau) == old
+        return change.dirty if rule == old or self._lowered else change.member
 
     def update(self, edges: Edges, change: Change, dirty: Array) -> Merged:
         """Walk the edges; two segments a (i's) and b become one where D(a, b) <= tau.
@@ -91,12 +99,14 @@ class Merge:
         """
         forest, rule = self._forest, self._rule
         if rule.criterion == PARSIMONY:
-            _aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
+            aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
         events = no_events(len(forest.parent) + 1)
-        self._begin(dirty, change.gone, events)
+        undone = _refused(forest, rule) if self._lowered else NO_UNIONS
+        self._lowered = False
+        self._begin(dirty, change.gone, undone, events)
         if np.count_nonzero(dirty) > SLABBED and np.array_equal(dirty, change.member):
             dirty = self._walk_slabs(edges, dirty)
-            self._begin(dirty, np.zeros_like(dirty), events)
+            self._begin(dirty, np.zeros_like(dirty), NO_UNIONS, events)
         _walk(forest, edges, rule, events, 1)
         labels = np.full(len(change.member), -1, np.int32)
         roots = np.empty(np.count_nonzero(change.member), np.int32)
@@ -106,11 +116,11 @@ class Merge:
         forest.segment.fill(NONE)
         forest.segment[roots] = np.arange(count)
         aicc = np.empty(len(forest.parent))
-        _aicc_of(forest.nodes, roots, rule.noise, aicc)
+        aicc_of(forest.nodes, roots, rule.noise, aicc)
         return Merged(roots, labels, aicc[roots], before)
 
-    def _begin(self, dirty: Array, gone: Array, events: Events) -> None:
-        _begin(self._forest, dirty, gone, events)
+    def _begin(self, dirty: Array, gone: Array, undone: Array, events: Events) -> None:
+        _begin(self._forest, dirty, gone, undone, events)
         for_rows(_rest, len(self._forest.above), self._forest)
 
     def _walk_slabs(self, edges: Edges, member: Array) -> Array:
@@ -154,8 +164,31 @@ def _mark_across(edges, slab, ends):
 
 
 @kernel
-def _begin(forest, dirty, gone, events):
-    """Take down what a dirty or gone vertex is part of; let the rest sleep."""
+def _refused(forest, rule):
+    """The unions (u,) that the rule would not make."""
+    nodes, extra, left, right = forest.nodes, forest.extra, forest.left, forest.right
+    criterion, tau, floor, _ = rule
+    refused = np.empty(len(forest.awake), np.int32)
+    count = 0
+    for union in range(len(forest.awake), len(left)):
+        a, b = left[union], right[union]
+        if a == NONE:
+            continue
+        if criterion == SHAPE:
+            distance = shape_distance(nodes, a, b, floor, tau)
+        elif criterion == DENSITY:
+            distance = density_distance(nodes, union, extra[union])
+        else:
+            distance = extra[union] - extra[a] - extra[b]
+        if distance > tau:
+            refused[count] = union
+            count += 1
+    return refused[:count]
+
+
+@kernel
+def _begin(forest, dirty, gone, undone, events):
+    """Take down the undone unions and what a dirty or gone vertex is part of; the rest sleeps."""
     parent, left, right = forest.parent, forest.left, forest.right
     made_weight, made_i, made_j = forest.made_weight, forest.made_i, forest.made_j
     awake = forest.awake
@@ -173,6 +206,12 @@ def _begin(forest, dirty, gone, events):
                 unions[count] = up
                 count += 1
                 up = parent[up]
+    for up in undone:
+        while up != NONE and not broken[up - capacity]:
+            broken[up - capacity] = True
+            unions[count] = up
+            count += 1
+            up = parent[up]
     for k in range(count):
         union = unions[k]
         for child in (left[union], right[union]):
@@ -359,7 +398,7 @@ def _label(forest, member, labels, roots, before):
 
 
 @kernel
-def _aicc_of(nodes, rows, noise, aicc):
+def aicc_of(nodes, rows, noise, aicc):
     """Fill aicc[row] for the rows."""
     for k in range(len(rows)):
         aicc[rows[k]] = segment_aicc(nodes, rows[k], noise)

@@ -1,0 +1,1 @@
+"""Thresholds by AICc: of one window, of many, on this machine, on a cluster, and live."""

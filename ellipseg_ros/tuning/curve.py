@@ -1,0 +1,92 @@
+"""The AICc of one window over the threshold."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.data import Array
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What a criterion makes of one window at every threshold; t thresholds, ascending."""
+
+    criterion: str
+    points: int  # that have neighbours: the vertices of the graph
+    singletons: float  # AICc of the model in which every point is a segment of its own
+    threshold: Array  # (t,) float64, in the unit of the criterion
+    aicc: Array  # (t,) float64: the sum over all segments, singletons included
+    bias: Array  # (t,) its part that grows with the number of parameters
+    count: Array  # (t,) int64: segments, the model's ellipsoids
+
+    @property
+    def variance(self) -> Array:
+        """(t,) the part of the AICc that says how well the ellipsoids explain the points."""
+        return np.asarray(self.aicc - self.bias)
+
+    @property
+    def completion(self) -> Array:
+        """(t,) merges per point, 0 to 1: the paper's merge completion."""
+        return np.asarray((self.points - self.count) / max(1, self.points))
+
+    @property
+    def best(self) -> int:
+        """The row of the least AICc; of equal ones the lowest threshold."""
+        return int(np.argmin(self.aicc))
+
+    @property
+    def loss(self) -> Array:
+        """(t,) how much of what merging can gain is given away: 0 at the least AICc.
+
+        (AICc - least) / (AICc of singletons - least). Where no merging gains anything: 0 at the
+        least AICc, 1 elsewhere.
+        """
+        lost = self.aicc - self.aicc[self.best]
+        gain = self.singletons - self.aicc[self.best]
+        return np.asarray(lost / gain if gain > 0.0 else (lost > 0.0).astype(np.float64))
+
+    def row(self, threshold: float) -> int:
+        """The row of a threshold that is among those of the curve."""
+        return int(np.flatnonzero(self.threshold == threshold)[0])
+
+    def loss_at(self, thresholds: Array) -> Array:
+        """The loss at any thresholds (m,): between those of the curve linear in log threshold.
+
+        Beyond the ends it is that at the end.
+        """
+        with np.errstate(divide="ignore"):  # a threshold of 0 lies below all others
+            return np.interp(np.log(thresholds), np.log(self.threshold), self.loss)
+
+    def with_rows_of(self, other: "Curve") -> "Curve":
+        """Both curves of the same window as one."""
+        threshold = np.concatenate([self.threshold, other.threshold])
+        threshold, rows = np.unique(threshold, return_index=True)
+        return replace(
+            self,
+            threshold=threshold,
+            aicc=np.concatenate([self.aicc, other.aicc])[rows],
+            bias=np.concatenate([self.bias, other.bias])[rows],
+            count=np.concatenate([self.count, other.count])[rows],
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready; `curve_from` reads it."""
+        head = {name: getattr(self, name) for name in ("criterion", "points", "singletons")}
+        return head | {name: getattr(self, name).tolist() for name in COLUMNS}
+
+
+COLUMNS = ("threshold", "aicc", "variance", "bias", "count", "completion", "loss")
+
+
+def curve_from(values: dict[str, Any]) -> Curve:
+    """The curve that `as_dict` has written."""
+    return Curve(
+        criterion=values["criterion"],
+        points=values["points"],
+        singletons=values["singletons"],
+        threshold=np.array(values["threshold"], np.float64),
+        aicc=np.array(values["aicc"], np.float64),
+        bias=np.array(values["bias"], np.float64),
+        count=np.array(values["count"], np.int64),
+    )

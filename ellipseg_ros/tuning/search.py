@@ -1,0 +1,83 @@
+"""Which thresholds are tried: a coarse grid, then finer ones around the minimum."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ellipseg_ros.config import Checked, Config, setting
+from ellipseg_ros.data import Array
+from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.tuning.curve import Curve
+from ellipseg_ros.tuning.graph import Graph, graph_of, sweep
+
+# Lowest and highest threshold of the grid: hardly any merge, and hardly anything left to merge.
+RANGES = {"shape": (0.1, 100.0), "density": (1e-4, 1.0), "parsimony": (0.1, 100.0)}  # -, m, -
+CRITERION_RANGE = -1.0
+
+
+@dataclass(frozen=True)
+class Search(Checked):
+    """How a minimum is looked for."""
+
+    lowest: float = setting(
+        CRITERION_RANGE, "lowest threshold of the grid; -1: the criterion's", low=-1.0, high=1e9
+    )
+    highest: float = setting(
+        CRITERION_RANGE, "highest threshold of the grid; -1: the criterion's", low=-1.0, high=1e9
+    )
+    count: int = setting(40, "thresholds of the grid, evenly spread in log", low=3, high=10_000)
+    refinements: int = setting(
+        2, "times that the steps around the minimum are divided again", low=0, high=10
+    )
+    finer: int = setting(8, "thresholds that a refinement adds", low=1, high=1000)
+
+    def grid(self, criterion: str) -> Array:
+        """The thresholds (count,) that are tried first, ascending."""
+        given = (self.lowest, self.highest)
+        low, high = (
+            own if value == CRITERION_RANGE else value
+            for value, own in zip(given, RANGES[criterion], strict=True)
+        )
+        if not 0.0 < low < high:
+            raise ConfigError(
+                f"the thresholds of {criterion} go from {low:g} to {high:g}; they must ascend "
+                "from above 0"
+            )
+        return np.geomspace(low, high, self.count)
+
+
+def curve(points: Array, config: Config, thresholds: Array, origin: Array | None = None) -> Curve:
+    """The AICc of points (n, 3), m, under `config`, but at each of the thresholds (t,).
+
+    Every value is that of `segment(points, ...)` bit for bit, at a fraction of its cost:
+    neighbours, initial ellipsoids and edges are computed once.
+    """
+    return sweep(graph_of(points, config, origin), config, thresholds)
+
+
+def tune(
+    points: Array, config: Config, search: Search | None = None, origin: Array | None = None
+) -> Curve:
+    """Look for the threshold of least AICc on points (n, 3), m; `config` says all the rest.
+
+    The curve holds the grid, its refinements, and the threshold of `config`.
+    """
+    return tune_graph(graph_of(points, config, origin), config, search or Search())
+
+
+def tune_graph(graph: Graph, config: Config, search: Search) -> Curve:
+    """The same of a graph, which all criteria can share."""
+    config = replace(config, threshold=config.tau)
+    found = sweep(graph, config, np.append(search.grid(config.criterion), config.tau))
+    for _ in range(search.refinements):
+        low, high = max(found.best - 1, 0), min(found.best + 1, len(found.threshold) - 1)
+        finer = _between(found.threshold[low], found.threshold[high], search.finer)
+        found = found.with_rows_of(sweep(graph, config, finer))
+    return found
+
+
+def _between(low: float, high: float, count: int) -> Array:
+    """Evenly spread in log, without the ends; a threshold of 0 has no logarithm."""
+    if low <= 0.0:
+        return np.linspace(low, high, count + 2)[1:-1]
+    return np.geomspace(low, high, count + 2)[1:-1]
