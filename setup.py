@@ -169,10 +169,12 @@ setup(
             "scipy>=1.15",
             "small_gicp",
         ],
+        "dask": ["distributed"],  # `ellipseg tune --scheduler`
         # The tests run colcon, so they need the build requirements of pyproject.toml too; `make
         # setup` installs both. Other versions of mypy and ruff have other opinions.
         "test": [
             "colcon-common-extensions",
+            "distributed",
             "hypothesis",
             "mypy==2.4.1",
             "pytest",

@@ -15,7 +15,8 @@ LAYERS = ["errors", "config", "data", "core", "", "io", "ros", "cli"]
 # Who may import what; what isn't named here is for everybody.
 ONLY_IN = {
     "ellipseg_ros.msg": ["ros/"],
-    "matplotlib": ["plots.py", "benchmark/picture.py"],
+    "distributed": ["tuning/parallel.py"],
+    "matplotlib": ["plots.py", "charts.py", "benchmark/picture.py"],
     "rclpy": ["ros/"],
     "rosbags": ["io/bag.py"],
     "small_gicp": ["core/neighbours.py", "cli/"],

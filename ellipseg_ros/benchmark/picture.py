@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogFormatter, NullLocator
 
-from ellipseg_ros.plots import BACKGROUND, FAINT, INK
+from ellipseg_ros.charts import legend, style, title
+from ellipseg_ros.plots import BACKGROUND, INK
 
 Results = dict[str, Any]
 
@@ -47,29 +48,9 @@ def draw(results: Results, path: Path) -> None:
     )
     for number, (panel, section) in enumerate(panels):
         axes = figure.add_subplot(rows, columns, number + 1)
-        _style(axes)
+        style(axes)
         panel(axes, section)
     figure.savefig(path, dpi=100, facecolor=BACKGROUND)
-
-
-def _style(axes: Axes) -> None:
-    axes.set_facecolor(BACKGROUND)
-    axes.tick_params(colors=INK, which="both", labelsize=10)
-    axes.grid(True, color=FAINT, alpha=0.2)
-    axes.set_axisbelow(True)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(FAINT)
-
-
-def _title(axes: Axes, text: str, below: str = "", left: str = "") -> None:
-    axes.set_title(text, color=INK, loc="left", fontsize=13, pad=12)
-    axes.set_xlabel(below, color=INK, fontsize=10)
-    axes.set_ylabel(left, color=INK, fontsize=10)
-
-
-def _legend(axes: Axes, **options: Any) -> None:
-    axes.legend(facecolor=BACKGROUND, edgecolor=FAINT, labelcolor=INK, fontsize=9, **options)
 
 
 def _promises(axes: Axes, rows: list[Results]) -> None:
@@ -90,8 +71,8 @@ def _promises(axes: Axes, rows: list[Results]) -> None:
     axes.axvline(1.0, color=BAD, linewidth=1.5, linestyle="--")
     axes.set_yticks(range(len(rows)), [_wrapped(row["title"]) for row in rows])
     axes.set_xlim(0.0, 1.15 * max([1.1, *(row["value"]["high"] / row["must"] for row in rows)]))
-    _title(axes, "Measured, as a share of what must be (dashed); tick: the aim")
-    _legend(axes, loc="lower right")
+    title(axes, "Measured, as a share of what must be (dashed); tick: the aim")
+    legend(axes, loc="lower right")
 
 
 def _wrapped(title: str) -> str:
@@ -116,19 +97,19 @@ def _stages(axes: Axes, section: Results) -> None:
         left = {name: left[name] + row[name]["median"] for name in columns}
     titles = ["batch", *(f"update\nof {name}" for name in columns[1:])]
     axes.set_yticks(range(len(columns) - 1, -1, -1), titles)
-    _title(axes, f"Where the time goes, {section['points']:,} points in the window", "ms")
-    _legend(axes, loc="lower right", ncols=2)
+    title(axes, f"Where the time goes, {section['points']:,} points in the window", "ms")
+    legend(axes, loc="lower right", ncols=2)
 
 
 def _lengths(axes: Axes, section: Results) -> None:
     _curves(axes, section["cases"], "window_s")
-    _title(axes, "Length of the window, on one drive", "s of data in the window", "ms")
+    title(axes, "Length of the window, on one drive", "s of data in the window", "ms")
 
 
 def _densities(axes: Axes, section: Results) -> None:
     _curves(axes, section["cases"], "points_per_second")
     text = f"Density, in a window of {section['window_s']:g} s"
-    _title(axes, text, "points per second", "ms")
+    title(axes, text, "points per second", "ms")
 
 
 def _curves(axes: Axes, cases: list[Results], across: str) -> None:
@@ -151,4 +132,4 @@ def _curves(axes: Axes, cases: list[Results], across: str) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.5)))
-    _legend(axes, loc="upper left")
+    legend(axes, loc="upper left")

@@ -1,9 +1,10 @@
 """All commands and their options. Imports nothing heavy, so that `ellipseg --help` is instant.
 
-argparse (standard library): four commands with plain options need no more.
+argparse (standard library): seven commands with plain options need no more.
 """
 
 import argparse
+from collections.abc import Sequence
 from importlib.metadata import version
 
 from ellipseg_ros.config import CRITERIA
@@ -17,6 +18,7 @@ EXAMPLES = """examples:
   ellipseg segment drive.mcap               segment a bag; writes drive_segmented/
   ellipseg segment sim:woodland -o wood     the same of a simulated scene
   ellipseg simulate industrial -o yard      write a simulated drive as a bag
+  ellipseg tune drive.mcap                  find the threshold for a recording
   ellipseg replay yard --rate 2             publish a bag for a node that runs
   ellipseg demo                             node, replay and check, in one go
   ellipseg bench --quick                    how fast it is on this machine
@@ -31,6 +33,13 @@ SEGMENT = """examples:
   ellipseg segment cloud.ply --criterion parsimony
   ellipseg segment sim:roadway --threshold 12 --set graph.neighbours=15
   ellipseg segment drive.mcap --params config/segmenter.yaml --json > summary.json"""
+
+TUNE = """examples:
+  ellipseg tune drive.mcap                           windows of 25 s, end to end
+  ellipseg tune sim:woodland --criterion all -o wood_tuned
+  ellipseg tune monday.mcap tuesday.mcap --every 10 --jobs 4
+  ellipseg tune drive.mcap --scheduler tcp://10.0.0.1:8786
+It ends with a parameter file: ros2 run ellipseg_ros segmenter --ros-args --params-file FILE"""
 
 REPLAY = """examples:
   ellipseg replay drive.mcap --topic /velodyne/registered --rate 0.5
@@ -64,6 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     _segment(
         _command(commands, "segment", "segment a bag, a cloud or a scene, without ROS", SEGMENT)
     )
+    _tune(_command(commands, "tune", "find the threshold of least AICc for recordings", TUNE))
     _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
     _bench(_command(commands, "bench", "measure speed, latency and memory, beside others", BENCH))
@@ -102,6 +112,34 @@ def _segment(command: argparse.ArgumentParser) -> None:
     _settings(command)
     command.add_argument("--no-pictures", action="store_true", help="write no pictures")
     command.add_argument("--no-bag", action="store_true", help="write no bag")
+    _talk(command)
+
+
+def _tune(command: argparse.ArgumentParser) -> None:
+    command.add_argument("sources", nargs="+", metavar="SOURCE", help=SOURCES)
+    command.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="folder for the results (default: SOURCE_tuned); windows that are finished there "
+        "are not run again",
+    )
+    command.add_argument("--topic", default="", help="of the clouds, if a bag has several")
+    _scene_options(command)
+    _settings(command, [*CRITERIA, "all"])
+    group = command.add_argument_group("windows and thresholds")
+    group.add_argument(
+        "--every", type=float, metavar="S", help="s from window to window (window_duration)"
+    )
+    group.add_argument("--from", dest="lowest", type=float, help="lowest threshold tried")
+    group.add_argument("--to", dest="highest", type=float, help="highest threshold tried")
+    group.add_argument("--count", type=int, help="thresholds of the grid (40), then refined")
+    group = command.add_argument_group("where it runs")
+    group.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
+    group.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster, which then does the work"
+    )
+    command.add_argument("--no-pictures", action="store_true", help="write no pictures")
     _talk(command)
 
 
@@ -155,7 +193,7 @@ def _scene_options(command: argparse.ArgumentParser) -> None:
     group.add_argument("--duration", type=float, metavar="S", help="seconds of driving")
 
 
-def _settings(command: argparse.ArgumentParser) -> None:
+def _settings(command: argparse.ArgumentParser, criteria: Sequence[str] = CRITERIA) -> None:
     group = command.add_argument_group("settings", "the node's parameters; the later one wins")
     group.add_argument("--params", metavar="FILE", help="YAML file, as for the node")
     group.add_argument(
@@ -165,7 +203,7 @@ def _settings(command: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="any parameter, again and again: --set graph.neighbours=15",
     )
-    group.add_argument("--criterion", choices=CRITERIA, help="what decides about a merge")
+    group.add_argument("--criterion", choices=criteria, help="what decides about a merge")
     group.add_argument(
         "--threshold", metavar="T", help="merge while the criterion is at most this"
     )

@@ -19,20 +19,24 @@ PICTURES = ("segments.png", "ellipsoids.png", "segments_oblique.png", "ellipsoid
 NAMES = (BAG, SUMMARY, PARAMETERS, LOG, NPZ, PLY, *PICTURES)
 
 
-def prepare(folder: Path, source: str) -> None:
+def prepare(
+    folder: Path, source: str, names: tuple[str, ...] = NAMES, keep: tuple[str, ...] = ()
+) -> None:
     """Make the folder; results of an earlier run go, anything else in it is left and refused.
 
-    source: what is going to be read, which must not be among what goes.
+    source: what is going to be read, which must not be among what goes. names: of the results.
+    keep: what may be there and stays.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    foreign = sorted(path.name for path in folder.iterdir() if not _ours(path.name))
+    there = [path for path in folder.iterdir() if path.name not in keep]
+    foreign = sorted(path.name for path in there if not _ours(path.name, names))
     if foreign:
         raise EllipsegError(
             f"{folder} holds {foreign[0]}; give a new folder, or an empty one, with -o"
         )
     if folder.resolve() in (Path(source).resolve(), *Path(source).resolve().parents):
         raise EllipsegError(f"{source} lies in {folder}, which is written anew; give another -o")
-    for path in folder.iterdir():
+    for path in there:
         if path.is_dir():
             shutil.rmtree(path)
         else:
@@ -51,9 +55,9 @@ def finish(folder: Path, summary: Summary, found: Segmentation | None, args: Nam
     write(summary, folder / SUMMARY)
 
 
-def _ours(name: str) -> bool:
+def _ours(name: str, names: tuple[str, ...]) -> bool:
     """Whether an earlier run has written it; a bag in the making has a hidden folder."""
-    return name in NAMES or name.startswith(f".{BAG}.")
+    return name in names or name.startswith(f".{BAG}.")
 
 
 def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:

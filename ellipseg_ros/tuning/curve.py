@@ -7,6 +7,8 @@ import numpy as np
 
 from ellipseg_ros.data import Array
 
+SMALLEST = 1e-300  # in place of a threshold of 0, which has no logarithm
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -55,8 +57,8 @@ class Curve:
 
         Beyond the ends it is that at the end.
         """
-        with np.errstate(divide="ignore"):  # a threshold of 0 lies below all others
-            return np.interp(np.log(thresholds), np.log(self.threshold), self.loss)
+        wanted, known = (np.log(np.maximum(x, SMALLEST)) for x in (thresholds, self.threshold))
+        return np.interp(wanted, known, self.loss)
 
     def with_rows_of(self, other: "Curve") -> "Curve":
         """Both curves of the same window as one."""

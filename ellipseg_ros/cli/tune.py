@@ -1,0 +1,121 @@
+"""`ellipseg tune`: the threshold of least AICc, over the windows of any number of sources."""
+
+import os
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.results import prepare
+from ellipseg_ros.cli.settings import Settings, read_settings
+from ellipseg_ros.cli.sources import open_input
+from ellipseg_ros.cli.tune_results import KEPT, NAMES, Finished, Tuning, finish, show
+from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.errors import ConfigError, EllipsegError
+from ellipseg_ros.io.sources import Source
+from ellipseg_ros.segmenter import warm_up
+from ellipseg_ros.tuning import parallel
+from ellipseg_ros.tuning.search import Search
+from ellipseg_ros.tuning.tasks import Task
+from ellipseg_ros.tuning.windows import windows
+
+ALL = "all"
+
+
+def run(args: Namespace) -> int:
+    """Tune on `args.sources` and write the results; 1 if a window has failed."""
+    everything = args.criterion == ALL
+    chosen = Namespace(**vars(args) | {"criterion": None} if everything else vars(args))
+    settings, search = read_settings(chosen), _search(args)
+    criteria = CRITERIA if everything else (settings.config.criterion,)
+    for criterion in criteria:
+        search.grid(criterion)  # refuses a bad range now, not in every window
+    sources = {spec: open_input(spec, args) for spec in dict.fromkeys(args.sources)}
+    first = next(iter(sources.values()))
+    folder = Path(args.output or f"{first.name}_tuned")
+    for spec in sources:
+        prepare(folder, spec, NAMES, KEPT)
+    say("compiling kernels, which takes longer the first time ...", args)
+    warm_up()
+    tuning = Tuning(list(sources), settings, criteria)
+    _run_all(sources, search, tuning, Finished(folder), args)
+    if not tuning.results:
+        raise EllipsegError(f"no window could be tuned: {'; '.join(tuning.problems[:3])}")
+    finish(folder, tuning, args)
+    show(tuning, args)
+    return 1 if tuning.problems else 0
+
+
+def _search(args: Namespace) -> Search:
+    """What the command line says of the thresholds, the rest by default."""
+    names = ("lowest", "highest", "count")
+    given = {name: getattr(args, name) for name in names}
+    return Search(**{name: value for name, value in given.items() if value is not None})
+
+
+def _run_all(
+    sources: dict[str, Source],
+    search: Search,
+    tuning: Tuning,
+    finished: Finished,
+    args: Namespace,
+) -> None:
+    """Tune every window that is not finished yet; keep each as soon as it is."""
+    total = _expected(sources, tuning.settings, args)
+    with progress(total, "windows", args) as bar, _workers(total, args) as workers:
+
+        def left() -> Iterator[Task]:
+            for task in _tasks(sources, search, tuning, args):
+                curves = finished.get(task.key)
+                if curves is None:
+                    yield task
+                else:
+                    tuning.take(task.cut, curves, again=True)
+                    bar.update()
+
+        for task, curves, problem in parallel.outcomes(left(), workers):
+            if curves is None:
+                tuning.fail(f"window {task.cut.number} of {task.cut.source}: {problem}")
+                say(tuning.problems[-1], args)
+            else:
+                finished.put(task.key, curves)
+                tuning.take(task.cut, curves)
+            bar.update()
+
+
+def _tasks(
+    sources: dict[str, Source], search: Search, tuning: Tuning, args: Namespace
+) -> Iterator[Task]:
+    """The windows of all sources; a source that breaks off is told, and the next one is read."""
+    config = tuning.settings.config
+    for spec, source in sources.items():
+        try:
+            for cut in windows(spec, source, config, args.every):
+                yield Task(cut, config, tuning.criteria, search)
+        except EllipsegError as error:
+            tuning.fail(str(error))
+            say(tuning.problems[-1], args)
+
+
+def _expected(sources: dict[str, Source], settings: Settings, args: Namespace) -> int | None:
+    """About how many windows there are; None if a source does not know how long it is."""
+    every = settings.config.window_duration if args.every is None else args.every
+    if not every > 0.0:
+        raise ConfigError(f"--every is {every:g}; it must be more than 0 s")
+    durations = [source.duration for source in sources.values()]
+    if None in durations:
+        return None
+    return sum(max(1, round((duration or 0.0) / every)) for duration in durations)
+
+
+def _workers(total: int | None, args: Namespace) -> AbstractContextManager[parallel.Workers]:
+    """Who does the work: a cluster, processes, or for a single window the threads of this one."""
+    if args.scheduler:
+        return parallel.dask(args.scheduler)
+    jobs = len(os.sched_getaffinity(0)) if args.jobs is None else args.jobs
+    if jobs < 1:
+        raise ConfigError(f"--jobs is {jobs}; it must be at least 1")
+    if total == 1 and args.jobs is None:
+        return parallel.this_process()
+    return parallel.processes(min(jobs, total or jobs))

@@ -1,0 +1,64 @@
+"""One window as a piece of work that can be sent anywhere, and its result as JSON."""
+
+import hashlib
+import json
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from typing import Any
+
+from ellipseg_ros.config import Config, flatten
+from ellipseg_ros.core.jit import alone
+from ellipseg_ros.tuning.curve import Curve
+from ellipseg_ros.tuning.graph import graph_of
+from ellipseg_ros.tuning.search import Search, tune_graph
+from ellipseg_ros.tuning.windows import Cut
+
+Curves = dict[str, Curve]  # by criterion
+
+
+@dataclass(frozen=True)
+class Task:
+    """A window and all that its curves depend on; it carries the points, so that it needs no file.
+
+    The threshold of `config` is in force for its criterion; the others have their defaults.
+    """
+
+    cut: Cut
+    config: Config
+    criteria: tuple[str, ...]
+    search: Search = field(default_factory=Search)
+
+    @property
+    def key(self) -> str:
+        """A name for the result: other points, settings or versions have another one."""
+        settings = {**flatten(self.config), **flatten(self.search), "criteria": self.criteria}
+        digest = hashlib.sha256(json.dumps([version("ellipseg_ros"), settings]).encode())
+        digest.update(self.cut.points.tobytes())
+        digest.update(self.cut.origin.tobytes())
+        return digest.hexdigest()[:32]
+
+
+def in_force(config: Config, criterion: str) -> Config:
+    """`config` for a criterion: with its own threshold, if it is that of another one."""
+    if criterion == config.criterion:
+        return config
+    return replace(config, criterion=criterion, threshold=None)
+
+
+def run(task: Task) -> Curves:
+    """Tune the window by every criterion, on all cores."""
+    graph = graph_of(task.cut.points, task.config, task.cut.origin)
+    return {
+        name: tune_graph(graph, in_force(task.config, name), task.search) for name in task.criteria
+    }
+
+
+def run_alone(task: Task) -> Curves:
+    """The same on one core, beside others that do the same."""
+    with alone():
+        return run(task)
+
+
+def as_json(curves: Curves) -> dict[str, Any]:
+    """JSON-ready, by criterion."""
+    return {name: curve.as_dict() for name, curve in curves.items()}

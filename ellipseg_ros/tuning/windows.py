@@ -1,0 +1,50 @@
+"""Sources, cut into the windows that are tuned on."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.window import TAKES_PART, Window
+from ellipseg_ros.data import SECOND, Array, Sweep
+from ellipseg_ros.grouping import updates
+
+LEAST = 0.5  # of a step: a rest at the end that is shorter is no window of its own
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The points of one window, as the node would have them."""
+
+    source: str
+    number: int  # of the window in its source, from 0
+    start_s: float  # s of sensor time from the source's first point to the window's first
+    end_s: float  # and to its last
+    points: Array  # (n, 3) m: those that take part
+    origin: Array  # (3,) m: see Segmentation
+
+
+def windows(
+    source: str, sweeps: Iterable[Sweep], config: Config, every: float | None = None
+) -> Iterator[Cut]:
+    """Yield a window of `config.window_duration` every so many seconds; by default end to end.
+
+    A source shorter than a window, a single cloud for one, is one window; so is the rest at the
+    end of a source or before a restart, if it is at least half as long as a step.
+    """
+    step = every or config.window_duration
+    config = replace(config, update_period=step)
+    window, number = Window(), 0
+    first_ns: int | None = None  # of the source
+    cut_ns: int | None = None  # where the last window since a restart ended
+    for group in updates(sweeps, config):
+        if group.restart:
+            window, cut_ns = Window(), None
+        window.push(group, config)
+        begin_ns = int(window.points.times_ns.min(initial=window.end_ns))
+        first_ns = begin_ns if first_ns is None else first_ns
+        if cut_ns is not None and window.end_ns - cut_ns < LEAST * step * SECOND:
+            continue
+        points = window.points.position[window.points.fate == TAKES_PART]
+        span = ((begin_ns - first_ns) / SECOND, (window.end_ns - first_ns) / SECOND)
+        yield Cut(source, number, *span, points, window.origin)
+        number, cut_ns = number + 1, window.end_ns
