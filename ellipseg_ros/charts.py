@@ -129,6 +129,8 @@ def losses(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
     axes.axhline(0.05, color=GREEN, linestyle=":", label="loss 0.05")
     _mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
     axes.set_xscale("log")
+    near = thresholds[mean <= SHOWN_LOSS]
+    axes.set_xlim(near[0] / 1.5, near[-1] * 1.5)
     axes.set_ylim(-0.02, SHOWN_LOSS)
     text = "Loss: (AICc − least) / (AICc of singletons − least)"
     title(axes, text, _tau(choice), "loss")
@@ -150,15 +152,16 @@ def _over_log(curve: Curve, values: Array) -> tuple[Array, Array]:
 
 
 def _mark(axes: Axes, x: float, y: float, text: str) -> None:
-    """A dot with a name, above it, where nothing is below a minimum's curve."""
+    """A dot with a name above it, in a box that hides the lines behind."""
     axes.plot([x], [y], "o", color=YELLOW, markersize=7, zorder=5)
     axes.annotate(
         text,
         (x, y),
-        xytext=(0, 26),
+        xytext=(0, 34),
         textcoords="offset points",
         color=YELLOW,
         ha="center",
         fontsize=11,
+        bbox={"boxstyle": "round", "facecolor": BACKGROUND, "edgecolor": "none", "alpha": 0.85},
         arrowprops={"arrowstyle": "-", "color": YELLOW},
     )

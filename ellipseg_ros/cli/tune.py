@@ -94,7 +94,7 @@ def _tasks(
             for cut in windows(spec, source, config, args.every):
                 yield Task(cut, config, tuning.criteria, search)
         except EllipsegError as error:
-            tuning.fail(str(error))
+            tuning.fail(str(error) if spec in str(error) else f"{spec}: {error}")
             say(tuning.problems[-1], args)
 
 

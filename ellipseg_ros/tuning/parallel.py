@@ -53,8 +53,9 @@ def outcomes(tasks: Iterable[Task], workers: Workers) -> Iterator[Outcome]:
 
 
 def _ended(under_way: "dict[Future[Curves], Task]") -> Iterator[Outcome]:
-    """Wait for the next tasks to end."""
-    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+    """Wait for the next tasks to end; those that have, in the order in which they began."""
+    done = wait(under_way, return_when=FIRST_COMPLETED).done
+    for future in [future for future in under_way if future in done]:
         task = under_way.pop(future)
         error = future.exception()
         if error is None:

@@ -40,8 +40,9 @@ def windows(
         if group.restart:
             window, cut_ns = Window(), None
         window.push(group, config)
+        if first_ns is None:
+            first_ns = int(group.times_ns.min(initial=window.end_ns))
         begin_ns = int(window.points.times_ns.min(initial=window.end_ns))
-        first_ns = begin_ns if first_ns is None else first_ns
         if cut_ns is not None and window.end_ns - cut_ns < LEAST * step * SECOND:
             continue
         points = window.points.position[window.points.fate == TAKES_PART]
