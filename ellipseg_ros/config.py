@@ -184,6 +184,13 @@ class NodeConfig(Checked):
         low=0,
         high=1000,
     )
+    auto_tune_period: float = setting(
+        0.0,
+        "sensor time between two tunings of the threshold by the node itself; 0: never",
+        unit="s",
+        low=0.0,
+        high=86400.0,
+    )
     marker_sigmas: float = setting(
         2.0, "half axes of a marker, in standard deviations", low=0.01, high=100.0
     )

@@ -225,6 +225,7 @@ class Segmentation:
     end_ns: int
     sequence: int  # number of this update, from 0, not restarted by a reset
     restart: str  # why the window began anew with this update; empty: it did not
+    threshold_change: str = ""  # why criterion or threshold are others than before; empty: same
 
     @property
     def counts(self) -> Counts:

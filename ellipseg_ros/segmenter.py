@@ -84,6 +84,7 @@ class Segmenter:
         self._tracker = Tracker()
         self._sequence = 0
         self._restart = ""
+        self._threshold_change = ""
         self._before: Before | None = None
         self._window = Window(self._given_origin)
         self._begin_graph()
@@ -93,8 +94,14 @@ class Segmenter:
         """The settings in force."""
         return self._config
 
-    def configure(self, config: Config) -> None:
-        """Take new settings, from the next update on; the window and the ids stay."""
+    def configure(self, config: Config, reason: str = "set") -> None:
+        """Take new settings, from the next update on; the window and the ids stay.
+
+        reason: for `threshold_change` of that update, if criterion or threshold change.
+        """
+        old = self._config
+        if (config.criterion, config.tau) != (old.criterion, old.tau):
+            self._threshold_change = reason
         other_graph = config.graph != self._config.graph
         self._config = config
         if other_graph:
@@ -191,7 +198,8 @@ class Segmenter:
             end_ns=self._window.end_ns,
             sequence=self._sequence,
             restart=self._restart,
+            threshold_change=self._threshold_change,
         )
         self._sequence += 1
-        self._restart = ""
+        self._restart = self._threshold_change = ""
         return found

@@ -64,5 +64,6 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "end_ns": end_ns,
         "sequence": 0,
         "restart": "",
+        "threshold_change": "tuned",
     }
     return Segmentation(**(made | changes))

@@ -16,6 +16,7 @@ from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.segmenter import Segmenter, segment, warm_up
+from ellipseg_ros.tuning.search import Search, tune
 
 PACKAGE = Path(ellipseg_ros.core.__file__).parents[1]
 
@@ -43,6 +44,7 @@ def warm_then_work():
         segmenter = Segmenter(config)
         for group in updates(stream(np.random.default_rng(0), sweeps=60), config):
             segmenter.process(group)
+        tune(np.random.default_rng(2).random((500, 3)), config, Search(count=3))
         segmenter.configure(Config(criterion=criterion, threshold=1e-3))
         segmenter.process(Sweep(10**12, np.zeros((0, 3))))
     segment(np.random.default_rng(1).random((25_000, 3)))

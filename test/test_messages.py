@@ -74,6 +74,7 @@ def plain_segments(found):
         window_end=time(found.end_ns),
         criterion=found.criterion,
         threshold=found.threshold,
+        threshold_change=found.threshold_change,
         aicc=found.aicc,
         segmented=int((found.labels >= 0).sum()),
         isolated=int((found.labels == -1).sum()),

@@ -35,6 +35,7 @@ from ellipseg_ros.segmenter import warm_up
 
 THINNED_TO = 10_000  # points/s that two cores take in real time
 LOSSLESS = {"max_backlog": 0, "input_reliability": "reliable"}  # else ids may differ from offline
+STEADY = {"auto_tune_period": 0.0}  # likewise, segments
 AHEAD = 2.0  # update periods that the replayer may be ahead of the node
 START = 120.0  # s: imports, and the first compilation of all kernels
 PATIENCE = 120.0  # s for one update
@@ -59,7 +60,7 @@ def run(args: Namespace) -> int:
     """Run, check and report; returns the exit code, 1 if a check failed."""
     source = open_input(args.data, args)
     defaults = {"max_points_per_second": THINNED_TO} if source.duration else {}  # no single cloud
-    settings = with_settings(read_settings(args, defaults), LOSSLESS)
+    settings = with_settings(read_settings(args, defaults), LOSSLESS | STEADY)
     folder = Path(args.output)
     prepare(folder, args.data)
     _keep_to_ourselves()

@@ -27,7 +27,9 @@ def write_segments(found: Segmentation) -> bytes:
     out.time(found.start_ns)
     out.time(found.end_ns)
     out.text(found.criterion)
-    out.put("dd", found.threshold, found.aicc)
+    out.put("d", found.threshold)
+    out.text(found.threshold_change)
+    out.put("d", found.aicc)
     counts = found.counts
     out.put("IIII", counts.segmented, counts.isolated, counts.rejected, counts.thinned)
     out.put("?I", True, found.sequence)

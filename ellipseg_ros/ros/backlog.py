@@ -17,6 +17,7 @@ class Update:
     shown: NodeConfig
     arrived: float  # s, monotonic clock: when the cloud that closed the group came
     groups: int = 1  # how many were taken together
+    reason: str = "set"  # why the settings are as they are, if they have changed
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from threading import Lock
 import numpy as np
 
 from ellipseg_ros.data import SECOND, Segmentation
+from ellipseg_ros.tuning.curve import Curve
 
 OK, WARN, ERROR = 0, 1, 2  # as in diagnostic_msgs/DiagnosticStatus
 SILENCE = 5.0  # s without a cloud that deserve a warning
@@ -44,6 +45,8 @@ class Health:
         self._processing: deque[float] = deque(maxlen=REMEMBERED)
         self._window: dict[str, str] = {}
         self._last_restart = ""
+        self._last_change = ""  # of the threshold
+        self._last_tuning = ""
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
 
     def cloud(self) -> None:
@@ -80,7 +83,17 @@ class Health:
             if found.restart:
                 self._total["restarts"] += 1
                 self._last_restart = found.restart
+            if found.threshold_change:
+                self._total["threshold changes"] += 1
+                self._last_change = f"{found.threshold_change}: {found.threshold:.6g}"
             self._window = describe(found)
+
+    def tuned(self, curve: Curve, seconds: float) -> None:
+        """A tuning has ended, which took so long."""
+        with self._lock:
+            self._total["tunings"] += 1
+            best = curve.threshold[curve.best]
+            self._last_tuning = f"{curve.criterion}: least AICc at {best:.6g}; {seconds:.2f} s"
 
     def report(self, waiting: int) -> Report:
         """The health since the last report; `waiting`: updates in the backlog."""
@@ -124,6 +137,10 @@ class Health:
             "updates given up": str(total["given up"]),
             "restarts": str(total["restarts"]),
             "last restart": self._last_restart,
+            "threshold changes": str(total["threshold changes"]),
+            "last threshold change": self._last_change,
+            "tunings": str(total["tunings"]),
+            "last tuning": self._last_tuning,
             **quantiles("processing", self._processing),
             **quantiles("latency", self._latency),
             **self._window,

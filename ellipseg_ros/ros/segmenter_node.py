@@ -20,6 +20,7 @@ from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Update
 from ellipseg_ros.ros.health import Health
+from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
@@ -57,18 +58,28 @@ class SegmenterNode:
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         node.create_service(Trigger, "~/reset", self._reset)
+        self._tuning = LiveTuning(node, self._health)
+        self._reason = self._tuning.reason  # of the last change of the parameters
         around = Around(
-            self._backlog, self._outputs, self._health, self._log, self._subscribe, end
+            self._backlog,
+            self._outputs,
+            self._health,
+            self._tuning.tuner,
+            self._log,
+            self._subscribe,
+            end,
         )
         self._worker = Worker(self._config, around)
         self._worker.start()
+        self._tuning.tuner.start()
 
     def close(self) -> bool:
         """Take the markers away and end the worker; False if it is still at an update."""
         self._backlog.close()
+        self._tuning.tuner.close()
         self._worker.join(PATIENCE)
         self._outputs.farewell()
-        return not self._worker.is_alive()
+        return not (self._worker.is_alive() or self._tuning.tuner.is_alive())
 
     def _subscribe(self) -> None:
         """Called by the worker when all is compiled."""
@@ -93,7 +104,7 @@ class SegmenterNode:
 
     def _hand_over(self, groups: list[Sweep], arrived: float) -> None:
         for group in groups:
-            update = Update(group, self._config, self._shown, arrived)
+            update = Update(group, self._config, self._shown, arrived, reason=self._reason)
             overload = self._backlog.put(update, self._shown.max_backlog)
             if overload is not None:
                 self._health.overloaded(overload.joined, overload.given_up)
@@ -151,7 +162,10 @@ class SegmenterNode:
         return response
 
     def _take_parameters(self) -> None:
+        before = self._config
         self._config, self._shown = self._parameters.records()
+        if (self._config.criterion, self._config.tau) != (before.criterion, before.tau):
+            self._reason = self._tuning.reason
         self._grouping.configure(self._config)
 
     def _report(self) -> None:

@@ -13,6 +13,7 @@ from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Task, Update
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.process import End
+from ellipseg_ros.ros.tuner import Tuner
 from ellipseg_ros.segmenter import Segmenter, warm_up
 
 IDLE = 4.0  # s without a task after which all markers are sent again: they live 10 s
@@ -25,6 +26,7 @@ class Around:
     backlog: Backlog
     outputs: Outputs
     health: Health
+    tuner: Tuner
     logger: RcutilsLogger
     ready: Callable[[], None]  # called when the kernels are compiled
     end: End
@@ -58,6 +60,7 @@ class Worker(Thread):
             self._update(task)
         elif isinstance(task, Reset):
             self._segmenter.reset(task.reason)
+            self._around.tuner.forget()
             self._around.outputs.clear()
         elif isinstance(task, ShowAll) or not self._around.backlog.closed:
             self._around.outputs.show_all()
@@ -66,7 +69,7 @@ class Worker(Thread):
         started = time.monotonic()
         try:
             if task.config != self._config:
-                self._segmenter.configure(task.config)
+                self._segmenter.configure(task.config, task.reason)
                 self._config = task.config
             found = self._segmenter.process(task.sweep)
         except InputError as error:
@@ -76,10 +79,12 @@ class Worker(Thread):
         if found.restart:
             self._around.logger.warning(f"the window begins anew: {found.restart}")
         self._around.outputs.publish(found, task.shown)
+        self._around.tuner.look(found, task.config, task.shown.auto_tune_period)
         self._around.health.updated(found, processed - started, time.monotonic() - task.arrived)
 
     def _start_anew(self, error: InputError) -> None:
         self._around.health.rejected(error.reason)
         self._around.logger.warning(f"clouds rejected: {error}", throttle_duration_sec=5.0)
         self._segmenter.reset(str(error))
+        self._around.tuner.forget()
         self._around.outputs.clear()

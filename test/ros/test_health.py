@@ -17,7 +17,7 @@ def clock(monkeypatch):
     return now
 
 
-def window(restart=""):
+def window(restart="", change=""):
     return SimpleNamespace(
         restart=restart,
         counts=Counts(90, 5, 3, 2),
@@ -27,6 +27,7 @@ def window(restart=""):
         ids=range(7),
         criterion="shape",
         threshold=4.0,
+        threshold_change=change,
         aicc=-12.345,
     )
 

@@ -1,0 +1,268 @@
+"""Tuning on a running node: `~/tune`, `auto_tune_period`, and what is told of them."""
+
+import json
+from contextlib import contextmanager
+from queue import Queue
+from threading import Event, Thread
+from types import SimpleNamespace
+
+import made
+import numpy as np
+import pytest
+import rclpy
+from clouds import street
+from diagnostic_msgs.msg import DiagnosticArray
+from harness import SECOND, nanoseconds, peer, running
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from ellipseg_ros.config import Config
+from ellipseg_ros.data import Sweep
+from ellipseg_ros.msg import SegmentArray, TuningCurve
+from ellipseg_ros.ros import tuner
+from ellipseg_ros.ros.process import Spinner
+from ellipseg_ros.ros.segmenter_node import SegmenterNode
+from ellipseg_ros.ros.tuner import Tuned, Tuner
+from ellipseg_ros.tuning.live import LIVE
+from ellipseg_ros.tuning.search import tune
+
+NODE = "/ellipseg_segmenter"
+BAD = 0.3  # a threshold with a loss of nearly 1 on the street
+
+
+@pytest.fixture(scope="module")
+def domain(session_ros_domain):
+    return session_ros_domain
+
+
+def sweep(stamp, points=800):
+    xyz = street(points, np.random.default_rng(round(stamp))).astype(np.float32)
+    return Sweep(round(stamp * SECOND), xyz, frame_id="odom")
+
+
+@contextmanager
+def meeting(domain, namespace=""):
+    """A peer that hears and says what these tests need."""
+    with peer(domain, namespace) as me:
+        yield SimpleNamespace(
+            me=me,
+            segments=me.listen(SegmentArray, "segments"),
+            curves=me.listen(TuningCurve, "tuning_curve"),
+            diagnostics=me.listen(DiagnosticArray, "/diagnostics"),
+            points=me.speak(PointCloud2, "points"),
+        )
+
+
+def update(node, stamp, **options):
+    """Send a sweep that closes an update, and wait for its segments."""
+    node.points.send(sweep(stamp, **options))
+    wanted = round(stamp * SECOND)
+    return node.segments.wait(lambda message: nanoseconds(message.header.stamp) == wanted)
+
+
+def details(node, wanted):
+    """The details of the first new diagnostics for which wanted(details) is true."""
+    heard = []
+
+    def fits(message):
+        heard[:] = [{pair.key: pair.value for pair in message.status[0].values}]
+        return wanted(heard[0])
+
+    node.diagnostics.wait(fits, start=len(node.diagnostics.messages))
+    return heard[0]
+
+
+# --- a node in a process of its own ----------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def node(domain, tmp_path_factory):
+    """A node with a bad threshold, and a peer that hears it all."""
+    log = tmp_path_factory.mktemp("tuned") / "log"
+    arguments = ["-p", f"threshold:={BAD}", "-p", "window_duration:=3.0"]
+    with running("segmenter_node", arguments, log) as process, meeting(domain) as found:
+        found.process = process
+        yield found
+
+
+def call(node):
+    return node.me.call(Trigger, f"{NODE}/tune")
+
+
+def test_before_the_first_update_the_answer_is_one_line(node):
+    answer = call(node)
+    assert not answer.success
+    assert answer.message == "there is no window yet; call again after the first update"
+
+
+def test_a_call_sets_the_threshold_of_least_aicc_and_tells_the_curve(node):
+    node.points.send(sweep(10.0))
+    first = update(node, 11.0)
+    assert first.threshold == BAD and first.threshold_change == ""
+    points = np.concatenate([sweep(stamp).points for stamp in (10.0, 11.0)])
+    expected = tune(points, Config(threshold=BAD), LIVE)
+    answer = call(node)
+    assert answer.success, answer.message
+    told = json.loads(answer.message.splitlines()[-1])
+    assert told["aicc"] == expected.aicc.tolist()
+    best = expected.threshold[expected.best]
+    assert told["chosen"] == best != BAD
+    assert node.me.get(NODE, "threshold")[0].double_value == best
+
+    message = node.curves.wait(lambda _: True)
+    assert (message.present, message.chosen) == (BAD, best)
+    assert list(message.loss) == expected.loss.tolist()
+    assert list(message.count) == expected.count.tolist()
+    assert nanoseconds(message.header.stamp) == 11 * SECOND
+    after, later = update(node, 12.0), update(node, 13.0)
+    assert (after.threshold, after.threshold_change) == (best, "tuned")
+    assert (later.threshold, later.threshold_change) == (best, "")
+    values = details(node, lambda values: values["threshold changes"] == "1")
+    assert values["last threshold change"] == f"tuned: {best:.6g}"
+    assert values["tunings"] == "1" and "shape: least AICc at" in values["last tuning"]
+
+
+def test_a_threshold_set_by_hand_is_marked_too(node):
+    assert node.me.set(NODE, threshold=7.0)[0].successful
+    assert update(node, 20.0).threshold_change == "set"
+    assert node.me.set(NODE, marker_min_count=13)[0].successful
+    assert update(node, 21.0).threshold_change == ""
+
+
+def test_with_too_few_points_the_answer_is_one_line(node):
+    assert node.me.call(Trigger, f"{NODE}/reset").success
+    node.points.send(sweep(60.0, points=20))
+    update(node, 61.0, points=20)
+    answer = call(node)
+    assert not answer.success and "a curve needs 100 or more" in answer.message
+    assert "\n" not in answer.message
+
+
+def test_by_itself_the_node_changes_a_bad_threshold_after_two_curves(node):
+    assert node.me.call(Trigger, f"{NODE}/reset").success
+    for answer in node.me.set(NODE, threshold=BAD, auto_tune_period=1):
+        assert answer.successful, answer.reason
+    heard, stamp = len(node.curves.messages), 100.0
+    node.points.send(sweep(stamp))
+    while len(node.curves.messages) < heard + 2:
+        stamp += 1.0
+        now = len(node.curves.messages)
+        update(node, stamp)
+        if stamp >= 102.0:  # a period after the first update
+            node.curves.wait_for(now + 1)
+    one, two = node.curves.messages[heard : heard + 2]
+    assert one.chosen == one.present == BAD and "waiting for another" in one.reason
+    assert two.present == BAD and two.chosen != BAD
+    after = update(node, stamp + 1.0)
+    assert (after.threshold, after.threshold_change) == (two.chosen, "auto_tuned")
+    assert node.me.get(NODE, "threshold")[0].double_value == two.chosen
+    assert node.me.set(NODE, auto_tune_period=0.0)[0].successful
+
+
+# --- a node in this process, whose tuning is held ---------------------------------------------
+
+
+@pytest.fixture
+def held(domain, monkeypatch):
+    """A node whose tuning waits for `go`, and tells by `begun` that it does."""
+    begun, go, ended = Event(), Event(), []
+
+    def waiting(*args):
+        begun.set()
+        assert go.wait(60.0)
+        return tune(*args)
+
+    monkeypatch.setattr(tuner, "tune", waiting)
+    arguments = ["--ros-args", "-r", "__ns:=/held", "-p", f"threshold:={BAD}"]
+    rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    running_node = SegmenterNode(ended.append)
+    spinner = Spinner(running_node.node, ended.append)
+    with meeting(domain, "/held") as found:
+        found.begun, found.go = begun, go
+        yield found
+    go.set()
+    running_node.close()
+    spinner.stop()
+    running_node.node.destroy_node()
+    rclpy.shutdown()
+    assert ended == []
+
+
+def asked(held):
+    """Call `~/tune` in a thread; gives a list that will hold the answer, and the thread."""
+    answers = []
+    name = "/held/ellipseg_segmenter/tune"
+    thread = Thread(target=lambda: answers.append(held.me.call(Trigger, name)))
+    thread.start()
+    return answers, thread
+
+
+def test_updates_go_on_while_a_tuning_is_under_way(held):
+    held.points.send(sweep(1.0))
+    update(held, 2.0)
+    answers, thread = asked(held)
+    assert held.begun.wait(60.0)
+    for stamp in (3.0, 4.0, 5.0):  # each comes back while the tuning stands still
+        found = update(held, stamp)
+        assert found.threshold == BAD and found.segmented > 0
+    assert not answers
+    second, other = asked(held)
+    other.join(60.0)
+    assert not second[0].success and "a tuning is under way" in second[0].message
+    held.go.set()
+    thread.join(60.0)
+    assert answers[0].success
+    assert update(held, 6.0).threshold_change == "tuned"
+
+
+def test_a_curve_that_the_settings_have_overtaken_changes_nothing(held):
+    held.points.send(sweep(1.0))
+    update(held, 2.0)
+    answers, thread = asked(held)
+    assert held.begun.wait(60.0)
+    assert held.me.set("/held/ellipseg_segmenter", threshold=9.0)[0].successful
+    held.go.set()
+    thread.join(60.0)
+    assert not answers[0].success and "was changed meanwhile" in answers[0].message
+    assert update(held, 3.0).threshold == 9.0
+
+
+def test_a_tuning_that_fails_is_told_and_the_node_lives_on(held, monkeypatch):
+    def failing(*args):
+        raise MemoryError("no\nroom")
+
+    monkeypatch.setattr(tuner, "tune", failing)
+    held.points.send(sweep(1.0))
+    update(held, 2.0)
+    answers, thread = asked(held)
+    thread.join(60.0)
+    assert answers[0].message == "the tuning failed: MemoryError: no room"
+    assert update(held, 3.0).segmented > 0
+
+
+# --- the tuner alone -------------------------------------------------------------------------
+
+
+def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
+    ended = Queue()
+    monkeypatch.setattr(tuner, "work", lambda found, config: Tuned(found, config, None))
+    thread = Tuner(lambda tuned: ended.put(tuned.found.end_ns // SECOND))
+    thread.start()
+    heard = []
+    for second in range(20):
+        restart = "a jump" if second == 8 else ""
+        found = made.segmentation(end_ns=second * SECOND, restart=restart)
+        thread.look(found, Config(), 3.0 if second < 15 else 0.0)
+        if second in (3, 6, 11, 14):
+            heard.append(ended.get(timeout=60.0))
+    thread.close()
+    thread.join(60.0)
+    assert heard == [3, 6, 11, 14] and ended.empty()
+
+
+def test_a_reset_takes_the_window_away():
+    thread = Tuner(print)
+    thread.look(made.segmentation(), Config(), 0.0)
+    thread.forget()
+    assert "no window" in thread.ask(print)
