@@ -195,6 +195,19 @@ def _data(section: Results) -> str:
     )
 
 
+def _tuning(section: Results) -> str:
+    rows = [
+        [case["criterion"], str(case["thresholds"])]
+        + [between(case[name]) for name in ("batch_ms", "curve_ms", "ratio")]
+        for case in section["cases"]
+    ]
+    head = ["criterion", "thresholds", "batch, ms", "curve, ms", "ratio"]
+    return (
+        f"## Tuning\n\nThe AICc of {section['points']:,} simulated points at every threshold of\n"
+        "the grid, as `ellipseg tune` computes it.\n\n" + table(head, rows)
+    )
+
+
 def _publishing(section: Results) -> str:
     rows = [
         [f"build {name}", between(value), f"{section['bytes'][name]:,}"]
@@ -257,6 +270,7 @@ WRITERS: dict[str, Callable[[Results], str]] = {
     "length": _length,
     "density": _density,
     "data": _data,
+    "tuning": _tuning,
     "publishing": _publishing,
     "latency": _latency,
     "memory": _memory,

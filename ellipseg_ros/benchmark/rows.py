@@ -47,6 +47,11 @@ def _length(period: float) -> Callable[[Results], Value | None]:
     return find
 
 
+def _dearest(section: Results) -> Value | None:
+    """The criterion with the largest ratio."""
+    return max((case["ratio"] for case in section["cases"]), key=lambda value: value["median"])
+
+
 def _single(key: str) -> Callable[[Results], Value | None]:
     def find(section: Results) -> Value | None:
         value = section.get(key)
@@ -79,6 +84,7 @@ ROWS = (
         1.3,
         _length(0.1),
     ),
+    Row("tuning", "AICc at 40 thresholds / batch", "tuning", "", 12.0, 8.0, _dearest),
     Row(
         "publishing",
         "message building and publishing",

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-from ellipseg_ros.benchmark import batch, incremental, live, rows
+from ellipseg_ros.benchmark import batch, incremental, live, rows, tuning
 from ellipseg_ros.benchmark.machine import describe
 from ellipseg_ros.benchmark.streams import FULL, SCENE, Sizes
 from ellipseg_ros.config import CRITERIA, Config
@@ -20,6 +20,7 @@ SECTIONS: dict[str, Callable[[Sizes, str], dict[str, Any]]] = {  # of the sizes 
     "length": lambda sizes, _: incremental.lengths(sizes),
     "density": lambda sizes, _: incremental.densities(sizes),
     "data": lambda sizes, data: incremental.real(data, sizes) if data else {},
+    "tuning": lambda sizes, _: tuning.curves(sizes),
     "publishing": lambda sizes, _: live.publishing(sizes),
     "latency": live.latency,
     "memory": lambda sizes, _: live.memory(sizes),

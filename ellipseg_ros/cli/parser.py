@@ -179,8 +179,8 @@ def _bench(command: argparse.ArgumentParser) -> None:
         "--only",
         nargs="+",
         metavar="SECTION",
-        help="batch, peers, stages, updates, length, density, data, publishing, latency, memory, "
-        "start",
+        help="batch, peers, stages, updates, length, density, data, tuning, publishing, latency, "
+        "memory, start",
     )
     command.add_argument("--data", default="", metavar="SOURCE", help="a recording to use, too")
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
