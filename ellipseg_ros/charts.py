@@ -105,7 +105,7 @@ def completion(axes: Axes, curves: Sequence[Curve]) -> None:
     if len(curves) == 1:
         count = curves[0].count[curves[0].best]
         text = f"{count:,} ellipsoids\n{best[0, 0]:.1%} merged"
-        _mark(axes, 100.0 * best[0, 0], best[0, 1], text)
+        _mark(axes, 100.0 * best[0, 0], best[0, 1], text, (-100.0, 6.0))
     text = "AICc over merge completion"
     title(axes, text, "merge completion: merges per point [%]", "AICc per point")
     legend(axes)
@@ -151,13 +151,15 @@ def _over_log(curve: Curve, values: Array) -> tuple[Array, Array]:
     return np.log(curve.threshold[rows]), values[rows]
 
 
-def _mark(axes: Axes, x: float, y: float, text: str) -> None:
-    """A dot with a name above it, in a box that hides the lines behind."""
+def _mark(
+    axes: Axes, x: float, y: float, text: str, offset: tuple[float, float] = (0.0, 34.0)
+) -> None:
+    """A dot with a name beside it (offset, points), in a box that hides the lines behind."""
     axes.plot([x], [y], "o", color=YELLOW, markersize=7, zorder=5)
     axes.annotate(
         text,
         (x, y),
-        xytext=(0, 34),
+        xytext=offset,
         textcoords="offset points",
         color=YELLOW,
         ha="center",

@@ -24,12 +24,15 @@ ON_PYPI = {"PIL": "pillow", "yaml": "PyYAML"}
 # Where the key of rosdep isn't python3-<name>. None: there is no key; package.xml says so.
 IN_ROSDEP = {
     "PIL": "python3-pil",
+    "distributed": None,
     "laspy": None,
     "pypcd4": None,
     "rosbags": "python3-rosbags-pip",
     "small_gicp": None,
     "trimesh": "python3-trimesh-pip",
 }
+# Imported only where somebody has installed the extra.
+OPTIONAL = {"distributed", "small_gicp"}
 # Needed without an import: by the generated code of the messages.
 WITHOUT_IMPORT = {"ros-jazzy-rosidl-default-runtime"}
 
@@ -136,7 +139,8 @@ def test_every_script_names_a_function_that_is_there(description):
 def test_pip_installs_what_the_code_imports_and_no_more(description):
     used = {on_pypi(name) for name in imports(SOURCES) | message_packages()}
     required = {bare(line) for line in description["install_requires"]}
-    optional = {bare(line) for line in description["extras_require"]["bench"]}
+    extras = description["extras_require"]
+    optional = {bare(line) for name in ("bench", "dask") for line in extras[name]}
     assert used - optional == required - WITHOUT_IMPORT
 
 
@@ -152,7 +156,7 @@ def test_rosdep_installs_what_the_code_imports_and_no_more(manifest):
     required = keys(manifest, "exec_depend", "depend") - unimported
     assert {in_rosdep(name) for name in names} - {None} == required
     remark = (ROOT / "package.xml").read_text(encoding="utf-8")
-    without_key = {name for name in names - {"small_gicp"} if in_rosdep(name) is None}
+    without_key = {name for name in names - OPTIONAL if in_rosdep(name) is None}
     assert all(name in remark for name in without_key)
 
 
