@@ -174,7 +174,8 @@ def held(domain, monkeypatch):
         return tune(*args)
 
     monkeypatch.setattr(tuner, "tune", waiting)
-    arguments = ["--ros-args", "-r", "__ns:=/held", "-p", f"threshold:={BAD}"]
+    arguments = ["--ros-args", "--log-level", "warn"]
+    arguments += ["-r", "__ns:=/held", "-p", f"threshold:={BAD}"]
     rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     running_node = SegmenterNode(ended.append)
     spinner = Spinner(running_node.node, ended.append)
