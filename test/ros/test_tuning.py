@@ -13,6 +13,7 @@ import rclpy
 from clouds import street
 from diagnostic_msgs.msg import DiagnosticArray
 from harness import SECOND, nanoseconds, peer, running
+from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -174,10 +175,10 @@ def held(domain, monkeypatch):
         return tune(*args)
 
     monkeypatch.setattr(tuner, "tune", waiting)
-    arguments = ["--ros-args", "--log-level", "warn"]
-    arguments += ["-r", "__ns:=/held", "-p", f"threshold:={BAD}"]
+    arguments = ["--ros-args", "-r", "__ns:=/held", "-p", f"threshold:={BAD}"]
     rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     running_node = SegmenterNode(ended.append)
+    running_node.node.get_logger().set_level(LoggingSeverity.WARN)
     spinner = Spinner(running_node.node, ended.append)
     with meeting(domain, "/held") as found:
         found.begun, found.go = begun, go
