@@ -15,7 +15,7 @@ class Forest(NamedTuple):
     """Nodes: vertex v is node v, unions stand from `capacity` on. Arrays by node."""
 
     nodes: Array  # (2 capacity, 24) float64: moments, see ellipsoids
-    extra: Array  # float64: mass (density) or AICc (parsimony)
+    extra: Array  # float64: mass (density), AICc (parsimony) or, of a union, its D (shape)
     parent: Array  # int32
     left: Array  # int32: children, side a and side b; NONE in a vertex or a free node
     right: Array

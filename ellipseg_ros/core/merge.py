@@ -167,7 +167,7 @@ def _mark_across(edges, slab, ends):
 def _refused(forest, rule):
     """The unions (u,) that the rule would not make."""
     nodes, extra, left, right = forest.nodes, forest.extra, forest.left, forest.right
-    criterion, tau, floor, _ = rule
+    criterion, tau = rule.criterion, rule.tau
     refused = np.empty(len(forest.awake), np.int32)
     count = 0
     for union in range(len(forest.awake), len(left)):
@@ -175,7 +175,7 @@ def _refused(forest, rule):
         if a == NONE:
             continue
         if criterion == SHAPE:
-            distance = shape_distance(nodes, a, b, floor, tau)
+            distance = extra[union]
         elif criterion == DENSITY:
             distance = density_distance(nodes, union, extra[union])
         else:
@@ -287,7 +287,8 @@ def _walk(forest, edges, rule, events, ends):  # noqa: PLR0915  # split, it take
             continue
         union = free[free[-1] - 1]
         if criterion == SHAPE:
-            if shape_distance(nodes, a, b, floor, tau) > tau:
+            extra[union] = shape_distance(nodes, a, b, floor, tau)
+            if extra[union] > tau:
                 continue
             unite(nodes, a, b, union)
         elif criterion == DENSITY:
