@@ -114,8 +114,29 @@ class ModelConfig(Checked):
 
 
 @dataclass(frozen=True)
+class ObjectsConfig(Checked):
+    """How segments become objects."""
+
+    enabled: bool = setting(True, "group segments into objects, at every update")
+    scale: float = setting(
+        1.0,
+        "merge while the least cost, the growth of the squared deviations of the features "
+        "per square root of the boundary's edges, is at most this",
+        low=0.0,
+        high=1e9,
+    )
+    thickness: float = setting(
+        0.02,
+        "what is flat together to this standard deviation is one object at any scale",
+        unit="m",
+        low=0.0,
+        high=10.0,
+    )
+
+
+@dataclass(frozen=True)
 class Config(Checked):
-    """How points become segments."""
+    """How points become segments, and segments objects."""
 
     criterion: str = setting("shape", "what decides whether two segments merge", choices=CRITERIA)
     threshold: float | None = setting(
@@ -147,6 +168,7 @@ class Config(Checked):
     )
     graph: GraphConfig = field(default_factory=GraphConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    objects: ObjectsConfig = field(default_factory=ObjectsConfig)
 
     def __post_init__(self) -> None:
         if self.threshold is None:
@@ -193,6 +215,11 @@ class NodeConfig(Checked):
     )
     marker_sigmas: float = setting(
         2.0, "half axes of a marker, in standard deviations", low=0.01, high=100.0
+    )
+    marker_colour: str = setting(
+        "shape",
+        "colour of a marker: of its shape, or of the object that it belongs to",
+        choices=("shape", "object"),
     )
     marker_min_count: int = setting(
         12, "segments with fewer points have no marker", unit="points", low=1, high=1_000_000

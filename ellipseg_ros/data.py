@@ -185,6 +185,65 @@ class Ragged:
 
 
 @dataclass(frozen=True)
+class Hierarchy:
+    """How s segments become objects: m merges in order, of which the first ones can be taken.
+
+    A group of segments goes by its lowest one, its row.
+    """
+
+    into: Array  # (m,) int32: the group that grows
+    merged: Array  # (m,) int32: the group that it takes in; a higher row
+    cost: Array  # (m,) float64: of the merge; 0 for what is flat together
+    segments: int  # s
+
+    def merges_at(self, scale: float) -> int:
+        """How many merges come before the first one that costs more than `scale`."""
+        dearer = np.flatnonzero(self.cost > scale)
+        return int(dearer[0]) if len(dearer) else len(self.cost)
+
+    def merges_for(self, objects: int) -> int:
+        """How many merges lead to so many objects, or to the least number above that there is."""
+        return min(max(0, self.segments - objects), len(self.cost))
+
+    def after(self, merges: int) -> Array:
+        """(s,) int32: the object of every segment after so many merges, by lowest segment."""
+        group = np.arange(self.segments)
+        group[self.merged[:merges]] = self.into[:merges]
+        while not np.array_equal(group, group[group]):
+            group = group[group]
+        return np.unique(group, return_inverse=True)[1].astype(np.int32)
+
+
+@dataclass(frozen=True)
+class Objects:
+    """Groups of segments; row i is object i, numbered by lowest point."""
+
+    of_segment: Array  # (s,) int32: the object of every segment
+    count: Array  # (o,) int64, points
+    mean: Array  # (o, 3) float64, m, world frame
+    covariance: Array  # (o, 3, 3) float64, m^2, divided by count
+    low: Array  # (o, 3) float64, m, world frame: corners of the box along the axes of the frame
+    high: Array  # (o, 3)
+    planarity: Array  # (o,) float64: of the covariance; the three add to 1
+    cylindricality: Array  # (o,)
+    sphericity: Array  # (o,)
+    hierarchy: Hierarchy  # from which the objects are cut
+    ids: Array  # (o,) uint32, from 1, never used twice in a run; apart from those of segments
+    state: Array  # (o,) uint8, see State
+    removed: Array  # (r,) uint32: ids that the last update had and this one has not
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+    @property
+    def members(self) -> Ragged:
+        """(o,) rows of int64: the segments of every object, ascending."""
+        counts = np.bincount(self.of_segment, minlength=len(self))
+        starts = np.append(0, np.cumsum(counts))
+        return Ragged(starts, np.argsort(self.of_segment, kind="stable"))
+
+
+@dataclass(frozen=True)
 class Counts:
     """The points of a window by fate; they add up to all of them."""
 
@@ -218,6 +277,7 @@ class Segmentation:
     state: Array  # (s,) uint8, see State
     parents: Ragged  # (s,) rows of uint32: other old ids that gave points to the segment
     removed: Array  # (r,) uint32: ids that the last update had and this one has not
+    objects: Objects | None  # None: not asked for
     first_seen_ns: Array  # (s,) int64: time of the oldest point
     last_seen_ns: Array  # (s,) int64: of the newest
 
@@ -237,4 +297,17 @@ class Segmentation:
     def point_ids(self) -> Array:
         """(n,) uint32: the id of every point's segment, 0 where it has none (field `label`)."""
         ids = np.append(self.ids, np.uint32(0))  # row -1 is the 0
+        return ids[np.maximum(self.labels, -1)]
+
+    @property
+    def object_ids(self) -> Array:
+        """(s,) uint32: the id of every segment's object, 0 without objects."""
+        if self.objects is None:
+            return np.zeros(len(self.ids), np.uint32)
+        return np.asarray(self.objects.ids[self.objects.of_segment])
+
+    @property
+    def point_object_ids(self) -> Array:
+        """(n,) uint32: the id of every point's object, 0 where it has none (field `object`)."""
+        ids = np.append(self.object_ids, np.uint32(0))  # row -1 is the 0
         return ids[np.maximum(self.labels, -1)]

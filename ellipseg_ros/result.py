@@ -13,7 +13,9 @@ from ellipseg_ros.core.ellipsoids import (
     V2,
     V3,
 )
-from ellipseg_ros.data import Array, Ellipsoids
+from ellipseg_ros.core.objects import Level
+from ellipseg_ros.core.tracking import Tracks
+from ellipseg_ros.data import Array, Ellipsoids, Objects
 
 
 def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> Ellipsoids:
@@ -35,6 +37,26 @@ def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> E
         aicc=aicc,
         model_mean=model[:, MEAN : MEAN + 3] + origin,
         model_covariance=_matrices(model),
+    )
+
+
+def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
+    """What was found of objects as a record in the world frame; origin (3,) m."""
+    planarity, cylindricality = level.nodes[:, PLANARITY].copy(), level.nodes[:, CYLINDRICALITY].copy()
+    return Objects(
+        of_segment=level.of_segment,
+        count=level.nodes[:, COUNT].astype(np.int64),
+        mean=level.nodes[:, MEAN : MEAN + 3] + origin,
+        covariance=_matrices(level.nodes),
+        low=level.low + origin,
+        high=level.high + origin,
+        planarity=planarity,
+        cylindricality=cylindricality,
+        sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
+        hierarchy=level.hierarchy,
+        ids=tracks.ids,
+        state=tracks.state,
+        removed=tracks.removed,
     )
 
 

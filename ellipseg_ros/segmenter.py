@@ -19,12 +19,13 @@ from ellipseg_ros.core.ellipsoids import (
 )
 from ellipseg_ros.core.merge import SLABBED, Merge, Merged
 from ellipseg_ros.core.neighbours import Change, Neighbours
+from ellipseg_ros.core.objects import find_objects
 from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
-from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
+from ellipseg_ros.data import SECOND, Array, Objects, Segmentation, Sweep
 from ellipseg_ros.grouping import Before, and_then, why_restart
-from ellipseg_ros.result import ellipsoid_records
+from ellipseg_ros.result import ellipsoid_records, object_records
 
 SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom
 DEAD = 0.25  # share of dead rows at which they are
@@ -84,6 +85,7 @@ class Segmenter:
         self._config = config or Config()
         self._given_origin = None if origin is None else np.array(origin, dtype=np.float64)
         self._tracker = Tracker()
+        self._object_tracker = Tracker()
         self._sequence = 0
         self._restart = ""
         self._threshold_change = ""
@@ -112,6 +114,7 @@ class Segmenter:
     def reset(self, reason: str = "asked for") -> None:
         """Forget the window; ids go on. The next update carries `reason` and removes all ids."""
         self._tracker.reset()
+        self._object_tracker.reset()
         self._restart = reason
         self._before = None
         self._window = Window(self._given_origin)
@@ -194,6 +197,7 @@ class Segmenter:
             state=tracks.state,
             parents=tracks.parents,
             removed=tracks.removed,
+            objects=self._objects(labels, merged.labels, own),
             first_seen_ns=times[:, 0],
             last_seen_ns=times[:, 1],
             start_ns=self._window.start_ns,
@@ -205,3 +209,15 @@ class Segmenter:
         self._sequence += 1
         self._restart = self._threshold_change = ""
         return found
+
+    def _objects(self, labels: Array, rows: Array, own: Array) -> Objects | None:
+        """Group the segments; labels of the window's points, and of the graph's rows."""
+        if not self._config.objects.enabled:
+            return None
+        graph = self._neighbours
+        level = find_objects(graph, self._merge.nodes, rows, own, self._config.objects)
+        object_labels = np.append(level.of_segment, np.int32(-1))[np.maximum(labels, -1)]
+        facts = level.nodes[:, :EIGENVALUES]
+        arrival = self._window.points.arrival
+        tracks = self._object_tracker.assign(arrival, object_labels, facts)
+        return object_records(level, tracks, self._window.origin)

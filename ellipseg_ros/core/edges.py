@@ -93,7 +93,7 @@ def _sift(  # noqa: PLR0913  # the ninth argument would only be hidden in a tupl
         kept[e] = status[i] & status[j] & STAYS
         count += kept[e]
         if status[i] + status[j] == STAYS + DIRTY and (
-            _lists(neighbours, i, j) if status[i] == STAYS else _lists(neighbours, j, i)
+            lists(neighbours, i, j) if status[i] == STAYS else lists(neighbours, j, i)
         ):
             made[place]["weight"] = edge_weight(nodes, i, j)
             made[place]["i"], made[place]["j"] = i, j
@@ -102,7 +102,7 @@ def _sift(  # noqa: PLR0913  # the ninth argument would only be hidden in a tupl
 
 
 @kernel
-def _lists(neighbours, row, other):
+def lists(neighbours, row, other):
     """Whether `other` is among the neighbours of `row`."""
     for slot in range(neighbours.shape[1]):
         if neighbours[row, slot] == other:
@@ -124,7 +124,7 @@ def _find(part, following, cuts, rows, renewed, made, pieces):
             other = neighbours[v, slot]
             if other < 0:
                 break
-            if (status[other] == STAYS or other < v) and _lists(neighbours, other, v):
+            if (status[other] == STAYS or other < v) and lists(neighbours, other, v):
                 continue
             i, j = min(v, other), max(v, other)
             made[place]["weight"] = edge_weight(nodes, i, j)
