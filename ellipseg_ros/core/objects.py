@@ -12,6 +12,7 @@ import numpy as np
 
 from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.adjacency import Boundaries, boundaries
+from ellipseg_ros.core.eigen import least_eigenvalue
 from ellipseg_ros.core.ellipsoids import AXES, COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
 from ellipseg_ros.core.heap import NOWHERE, Heap, empty_heap, remove, set_cost
 from ellipseg_ros.core.jit import for_rows, kernel
@@ -29,7 +30,7 @@ class Groups(NamedTuple):
     left[p], link 2 p + 1 in that of right[p].
     """
 
-    nodes: Array  # (s + 1, 24) moments of the points; the last row is for trying
+    nodes: Array  # (s, 24) moments of the points
     features: Array  # (s, 4): means over the points
     left: Array  # (p,) int32
     right: Array  # (p,) int32
@@ -108,7 +109,7 @@ def merge_segments(
 def _groups(nodes: Array, features: Array, touching: Boundaries) -> Groups:
     segments, pairs = len(nodes), len(touching.a)
     groups = Groups(
-        nodes=np.vstack([nodes, np.zeros((1, nodes.shape[1]))]),
+        nodes=nodes.copy(),
         features=features.copy(),
         left=touching.a.copy(),
         right=touching.b.copy(),
@@ -222,10 +223,7 @@ def _offer_flat(groups, pair, limit, heap):
 
 @kernel
 def union_thickness(nodes, a, b, limit):
-    """Least variance of the union of two sets, m^2; infinite if it is above the limit.
-
-    The last row of `nodes` is overwritten.
-    """
+    """Least variance of the union of two sets, m^2; infinite if it is above the limit."""
     n = nodes[a, COUNT] + nodes[b, COUNT]
     fa, fb = nodes[a, COUNT] / n, nodes[b, COUNT] / n
     if fa * nodes[a, EIGENVALUES + 2] + fb * nodes[b, EIGENVALUES + 2] > limit:
@@ -247,9 +245,7 @@ def union_thickness(nodes, a, b, limit):
     minor = px * py - xy * xy
     if px > 0.0 and minor > 0.0 and pz * minor - px * yz * yz - py * xz * xz + 2 * xy * xz * yz > 0:
         return math.inf
-    trial = len(nodes) - 1
-    unite(nodes, a, b, trial)
-    least = nodes[trial, EIGENVALUES + 2]
+    least = least_eigenvalue(xx, xy, xz, yy, yz, zz)
     return least if least <= limit else math.inf
 
 
