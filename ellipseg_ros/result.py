@@ -42,7 +42,10 @@ def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> E
 
 def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
     """What was found of objects as a record in the world frame; origin (3,) m."""
-    planarity, cylindricality = level.nodes[:, PLANARITY].copy(), level.nodes[:, CYLINDRICALITY].copy()
+    planarity, cylindricality = (
+        level.nodes[:, PLANARITY].copy(),
+        level.nodes[:, CYLINDRICALITY].copy(),
+    )
     return Objects(
         of_segment=level.of_segment,
         count=level.nodes[:, COUNT].astype(np.int64),

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.data import Ellipsoids, Ragged, Segmentation, State
+from ellipseg_ros.data import Ellipsoids, Hierarchy, Objects, Ragged, Segmentation, State
 
 
 def ellipsoids(count, rng):
@@ -33,12 +33,36 @@ def ellipsoids(count, rng):
     )
 
 
+def objects(labels, of_segment, rng):
+    """Objects with random records; labels (n,) of the points, of_segment (s,) rows of objects."""
+    o = int(of_segment.max(initial=-1)) + 1
+    count = np.bincount(of_segment[labels[labels >= 0]], minlength=o) if o else np.zeros(0, int)
+    like = ellipsoids(count, rng)
+    size = rng.exponential(size=(o, 3))
+    return Objects(
+        of_segment=of_segment,
+        count=like.count,
+        mean=like.mean,
+        covariance=like.covariance,
+        low=like.mean - size,
+        high=like.mean + size,
+        planarity=like.planarity,
+        cylindricality=like.cylindricality,
+        sphericity=like.sphericity,
+        hierarchy=Hierarchy(*(np.zeros(0, kind) for kind in "iid"), len(of_segment)),
+        ids=rng.permutation(np.arange(1, o + 1)).astype(np.uint32),
+        state=rng.integers(0, len(State), o).astype(np.uint8),
+        removed=np.array([5, 55], np.uint32),
+    )
+
+
 def segmentation(points=400, segments=20, seed=0, **changes):
     """A window of random points with random labels; `changes` replace parts of it."""
     rng = np.random.default_rng(seed)
     labels = rng.integers(-3, segments, points).astype(np.int32)
     count = np.bincount(labels[labels >= 0], minlength=segments)
     lengths = rng.integers(0, 4, segments)
+    _, of_segment = np.unique(rng.integers(0, 1 + segments // 3, segments), return_inverse=True)
     end_ns = 1_700_000_000_123_456_789
     made = {
         "labels": labels,
@@ -58,6 +82,7 @@ def segmentation(points=400, segments=20, seed=0, **changes):
             np.append(0, np.cumsum(lengths)), rng.integers(1, 99, lengths.sum()).astype(np.uint32)
         ),
         "removed": np.array([77, 78], np.uint32),
+        "objects": objects(labels, of_segment.astype(np.int32), rng),
         "first_seen_ns": end_ns - rng.integers(10**10, 2 * 10**10, segments),
         "last_seen_ns": end_ns - rng.integers(0, 10**10, segments),
         "start_ns": end_ns - 25_000_000_000,

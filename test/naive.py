@@ -191,3 +191,69 @@ def inherit(before, now, next_id):
         ids.append(next_id)
         next_id += 1
     return ids
+
+
+# --- objects ---------------------------------------------------------------------------------
+
+
+def features(covariance):
+    """Linearity, planarity, scattering, twice the verticality (Guinard & Landrieu 2017)."""
+    values, axes = eigen(covariance)
+    s = np.sqrt(values)
+    if s[0] == 0.0:
+        return np.zeros(4)
+    sum_of_axes = s @ np.abs(axes)
+    up = sum_of_axes[2] / np.linalg.norm(sum_of_axes)
+    return np.array([(s[0] - s[1]) / s[0], (s[1] - s[2]) / s[0], s[2] / s[0], 2 * up])
+
+
+def boundaries(lists, labels):
+    """{(a, b): edges between the segments a < b}; labels of the points, -1 for none."""
+    lengths = {}
+    for i, j in edges(lists):
+        a, b = sorted((labels[i], labels[j]))
+        if a != b:
+            lengths[a, b] = lengths.get((a, b), 0) + 1
+    return lengths
+
+
+def hierarchy(moments_of, features_of, lengths, thickness):
+    """All merges of segments into objects as (into, merged, cost), the best pair first."""
+    moments_of, features_of, lengths = dict(moments_of), dict(features_of), dict(lengths)
+    merges = []
+
+    def flat(a, b):
+        thinnest = eigen(union(moments_of[a], moments_of[b])[2])[0][2]
+        return thinnest if thinnest <= thickness**2 else math.inf
+
+    def alike(a, b):
+        na, nb = moments_of[a][0], moments_of[b][0]
+        squared = float(np.sum((features_of[a] - features_of[b]) ** 2))
+        return na * nb / (na + nb) * squared / math.sqrt(lengths[a, b])
+
+    for cost_of in (flat, alike):
+        while lengths:
+            cost, a, b = min((cost_of(a, b), a, b) for a, b in lengths)
+            if cost == math.inf:
+                break
+            merges.append((a, b, 0.0 if cost_of is flat else cost))
+            na, nb = moments_of[a][0], moments_of[b][0]
+            features_of[a] = (na * features_of[a] + nb * features_of[b]) / (na + nb)
+            moments_of[a] = union(moments_of[a], moments_of[b])
+            del lengths[a, b]
+            for pair in [pair for pair in lengths if b in pair]:
+                other = pair[0] + pair[1] - b
+                renamed = (min(a, other), max(a, other))
+                lengths[renamed] = lengths.get(renamed, 0) + lengths.pop(pair)
+    return merges
+
+
+def cut(merges, segments, scale):
+    """The object of every segment when merges stop before the first that costs more."""
+    group = list(range(segments))
+    for into, merged, cost in merges:
+        if cost > scale:
+            break
+        group = [into if g == merged else g for g in group]
+    names = sorted(set(group))
+    return [names.index(g) for g in group]

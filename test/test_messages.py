@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ellipseg_ros.colours import id_colours
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Ragged, State
 from ellipseg_ros.io.bag import TYPES, node_types
@@ -50,6 +51,9 @@ def plain_segment(found, row):
     return message(
         "ellipseg_ros/msg/Segment",
         id=int(found.ids[row]),
+        object_id=int(found.objects.ids[found.objects.of_segment[row]])
+        if found.objects is not None
+        else 0,
         state=int(found.state[row]),
         count=int(shape.count[row]),
         mean=vector("Point", shape.mean[row]),
@@ -63,6 +67,24 @@ def plain_segment(found, row):
         first_seen=time(int(found.first_seen_ns[row])),
         last_seen=time(int(found.last_seen_ns[row])),
         parents=found.parents[row],
+    )
+
+
+def plain_object(found, row):
+    objects = found.objects
+    return message(
+        "ellipseg_ros/msg/Object",
+        id=int(objects.ids[row]),
+        state=int(objects.state[row]),
+        count=int(objects.count[row]),
+        mean=vector("Point", objects.mean[row]),
+        covariance=objects.covariance[row].ravel(),
+        low=vector("Point", objects.low[row]),
+        high=vector("Point", objects.high[row]),
+        planarity=float(objects.planarity[row]),
+        cylindricality=float(objects.cylindricality[row]),
+        sphericity=float(objects.sphericity[row]),
+        segments=np.sort(found.ids[objects.of_segment == row]),
     )
 
 
@@ -84,6 +106,10 @@ def plain_segments(found):
         sequence=found.sequence,
         segments=[plain_segment(found, row) for row in np.argsort(found.ids)],
         removed=found.removed,
+        objects=[plain_object(found, row) for row in np.argsort(found.objects.ids)]
+        if found.objects is not None
+        else [],
+        removed_objects=np.zeros(0, np.uint32) if found.objects is None else found.objects.removed,
     )
 
 
@@ -150,6 +176,12 @@ def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id
     assert write_segments(found) == bytes(expected)
 
 
+def test_without_objects_there_are_none_in_the_message():
+    found = made.segmentation(30, 5, objects=None)
+    expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
+    assert write_segments(found) == bytes(expected)
+
+
 def test_every_number_of_parents_fits():
     lengths = np.array([0, 5, 0, 0, 1, 2, 3, 0])
     values = np.arange(lengths.sum(), dtype=np.uint32)
@@ -170,6 +202,11 @@ def test_segments_are_read_by_ros_itself():
     read = serialization.deserialize_message(write_segments(found), SegmentArray)
     assert [s.id for s in read.segments] == sorted(found.ids)
     assert list(read.removed) == found.removed.tolist()
+    assert [o.id for o in read.objects] == sorted(found.objects.ids)
+    assert list(read.objects[0].segments) == sorted(
+        segment.id for segment in read.segments if segment.object_id == 1
+    )
+    assert list(read.removed_objects) == found.objects.removed.tolist()
     row = int(np.argmax(found.ids))
     assert list(read.segments[-1].parents) == found.parents[row].tolist()
     assert read.segments[-1].sphericity == found.ellipsoids.sphericity[row]
@@ -308,6 +345,23 @@ def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_
         markers, replace(updates[7], restart="a reset", ids=updates[7].ids + 500)
     )
     assert cleared and not dead and drawn == {number + 500 for number in everything}
+
+
+def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes():
+    markers = Markers(replace(ALL, marker_colour="object"))
+    first, second, third = list(steady(0.03, 0.01))
+    sent(markers, first)
+    assert len(sent(markers, second)[0]) < 20
+    ids = third.objects.ids.copy()
+    ids[0] = 1234
+    moved = replace(third, objects=replace(third.objects, ids=ids))
+    members = set(third.ids[third.objects.of_segment == 0].tolist())
+    read = STORE.deserialize_cdr(markers.update(moved), TYPES["/ellipsoids"]).markers
+    assert members <= {marker.id for marker in read}
+    for marker in read:
+        expected = id_colours(moved.object_ids[moved.ids == marker.id])[0] / 255.0
+        colour = [marker.color.r, marker.color.g, marker.color.b]
+        np.testing.assert_allclose(colour, expected, atol=1e-6)
 
 
 def test_a_flat_ellipsoid_is_as_thick_as_a_millimetre_and_sigmas_scale_it():

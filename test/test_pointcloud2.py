@@ -305,7 +305,7 @@ def test_the_inputs_fields_keep_place_type_and_value_and_only_names_of_ours_chan
         now = renamed.get(name, name)
         np.testing.assert_array_equal(sweep.fields[now], fields[name])
         assert sweep.fields.dtype.fields[now] == fields.dtype.fields[name]
-    assert sweep.fields.dtype.names[-2:] == ("label", "rgb")
+    assert sweep.fields.dtype.names[-3:] == ("label", "object", "rgb")
     raw = np.asarray(msg.data).reshape(400, -1)[:, :49]
     np.testing.assert_array_equal(raw, fields.view(np.uint8).reshape(400, 49))  # gaps, too
 

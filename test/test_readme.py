@@ -24,10 +24,11 @@ def parameter_table() -> str:
             limits = ", ".join(about.choices)
             if about.low is not None:
                 limits = f"{about.low:g} ... {about.high:g}" if about.high else f">= {about.low:g}"
-            kind = {float: "double", int: "int", str: "string"}[type(value)]
+            kind = {float: "double", int: "int", str: "string", bool: "bool"}[type(value)]
             mark = "" if about.live else " *"
+            shown = str(value).lower() if isinstance(value, bool) else value
             rows.append(
-                f"| `{name}`{mark} | {kind} | {value} | {about.unit} | {limits} | {about.about} |"
+                f"| `{name}`{mark} | {kind} | {shown} | {about.unit} | {limits} | {about.about} |"
             )
     return "\n".join(rows)
 

@@ -97,6 +97,7 @@ def window_summary(found: Segmentation) -> Summary:
         ),
         "segments": len(found.ellipsoids),
         "segments_of_12_points": int((found.ellipsoids.count >= 12).sum()),
+        "objects": None if found.objects is None else len(found.objects),
         "aicc": found.aicc,
         "aicc_per_point": found.aicc / max(1, counts.segmented),
     }
@@ -177,4 +178,6 @@ def _window_rows(window: Summary) -> Iterator[tuple[str, str]]:
         "segments",
         f"{window['segments']:,} ({window['segments_of_12_points']:,} of 12 points or more)",
     )
+    if window["objects"] is not None:
+        yield "objects", f"{window['objects']:,}"
     yield "AICc", f"{window['aicc']:.6g} ({window['aicc_per_point']:.3f} a point)"

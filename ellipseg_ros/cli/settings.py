@@ -61,6 +61,10 @@ def _typed(name: str, value: Any, default: Value | None) -> Any:
     """`value` as the type of `default` if it is text; YAML leaves 1e-4 as text, too."""
     if not isinstance(value, str) or default is None or isinstance(default, str):
         return value
+    if isinstance(default, bool):
+        if value.lower() not in ("true", "false"):
+            raise ConfigError(f"{name} is {value!r}; it must be true or false")
+        return value.lower() == "true"
     try:
         return type(default)(value)
     except ValueError:

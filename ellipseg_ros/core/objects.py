@@ -14,7 +14,7 @@ from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.adjacency import Boundaries, boundaries
 from ellipseg_ros.core.eigen import least_eigenvalue
 from ellipseg_ros.core.ellipsoids import AXES, COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
-from ellipseg_ros.core.heap import NOWHERE, Heap, empty_heap, remove, set_cost
+from ellipseg_ros.core.heap import NOWHERE, empty_heap, remove, set_cost
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.neighbours import Neighbours
 from ellipseg_ros.data import Array, Hierarchy
@@ -50,7 +50,9 @@ class Level(NamedTuple):
     hierarchy: Hierarchy
 
 
-def find_objects(graph: Neighbours, nodes: Array, labels: Array, own: Array, config: ObjectsConfig) -> Level:
+def find_objects(
+    graph: Neighbours, nodes: Array, labels: Array, own: Array, config: ObjectsConfig
+) -> Level:
     """Group segments into objects, numbered by their lowest segment.
 
     nodes (rows and more, 24): initial ellipsoids; labels (rows,) int32: the segment of every
@@ -142,7 +144,11 @@ def _features(start, stop, nodes, labels, features):
             )  # of z, at last
             squared += up * up
         if s1 > 0.0:
-            features[i, 0], features[i, 1], features[i, 2] = (s1 - s2) / s1, (s2 - s3) / s1, s3 / s1
+            features[i, 0], features[i, 1], features[i, 2] = (
+                (s1 - s2) / s1,
+                (s2 - s3) / s1,
+                s3 / s1,
+            )
             features[i, 3] = 2.0 * up / math.sqrt(squared)
         else:
             features[i, :] = 0.0
@@ -243,7 +249,11 @@ def union_thickness(nodes, a, b, limit):
     # Above the limit if the matrix less the limit is positive definite (Sylvester): quicker.
     px, py, pz = xx - limit, yy - limit, zz - limit
     minor = px * py - xy * xy
-    if px > 0.0 and minor > 0.0 and pz * minor - px * yz * yz - py * xz * xz + 2 * xy * xz * yz > 0:
+    if (
+        px > 0.0
+        and minor > 0.0
+        and pz * minor - px * yz * yz - py * xz * xz + 2 * xy * xz * yz > 0
+    ):
         return math.inf
     least = least_eigenvalue(xx, xy, xz, yy, yz, zz)
     return least if least <= limit else math.inf

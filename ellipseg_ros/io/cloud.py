@@ -214,10 +214,11 @@ def _table(columns: dict[str, Any]) -> Array:
 
 
 def write_npz(path: Path, found: Segmentation) -> None:
-    """The labelled window, compressed: `xyz`, `t` (s), `label` (id, 0 for none), all input fields.
+    """The labelled window, compressed: `xyz`, `t` (s), all input fields, `label` and `object`.
 
-    Of the segments, a row each: `segment_id`, `segment_count`, `segment_mean`,
-    `segment_covariance`. Reads back as a drive.
+    The last two are ids, 0 for none. Of the segments, a row each: `segment_id`, `segment_object`,
+    `segment_count`, `segment_mean`, `segment_covariance`. Of the objects: `object_id`,
+    `object_count`, `object_mean`, `object_low`, `object_high`. Reads back as a drive.
     """
     fields = _with_times(found)
     arrays = {
@@ -227,10 +228,15 @@ def write_npz(path: Path, found: Segmentation) -> None:
     arrays |= {
         "xyz": np.column_stack([fields[name] for name in "xyz"]),
         "segment_id": found.ids,
+        "segment_object": found.object_ids,
         "segment_count": shape.count,
         "segment_mean": shape.mean,
         "segment_covariance": shape.covariance,
     }
+    if found.objects is not None:
+        for name in ("count", "mean", "low", "high"):
+            arrays[f"object_{name}"] = getattr(found.objects, name)
+        arrays["object_id"] = found.objects.ids
     with _replacing(path) as part, part.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 

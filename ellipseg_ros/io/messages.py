@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ellipseg_ros.colours import shape_colours
+from ellipseg_ros.colours import id_colours, shape_colours
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import SECOND, Array, Ragged, Segmentation, State
+from ellipseg_ros.data import SECOND, Array, Objects, Ragged, Segmentation, State
 from ellipseg_ros.io.cdr import Cdr, texts
 
 SPHERE = 2  # of visualization_msgs/Marker
@@ -37,7 +37,45 @@ def write_segments(found: Segmentation) -> bytes:
     columns = {name: column[order] for name, column in _segment_columns(found).items()}
     out.records(columns, _rows(found.parents, order))
     out.numbers(np.sort(found.removed).astype(np.uint32))
+    _write_objects(out, found)
     return out.bytes()
+
+
+def _write_objects(out: Cdr, found: Segmentation) -> None:
+    """The objects in ascending order of id, and the ids of the removed ones; or none of both."""
+    objects = found.objects
+    if objects is None:
+        out.put("II", 0, 0)
+        return
+    order = np.argsort(objects.ids, kind="stable")
+    columns = {name: column[order] for name, column in _object_columns(objects).items()}
+    out.records(columns, _member_ids(found.ids, objects.of_segment, order))
+    out.numbers(np.sort(objects.removed).astype(np.uint32))
+
+
+def _object_columns(objects: Objects) -> dict[str, Array]:
+    """The fields of Object.msg up to `segments`, in its order."""
+    return {
+        "id": objects.ids.astype(np.uint32),
+        "state": objects.state.astype(np.uint8),
+        "count": objects.count.astype(np.uint32),
+        "mean": objects.mean,
+        "covariance": objects.covariance.reshape(-1, 9),
+        "low": objects.low,
+        "high": objects.high,
+        "planarity": objects.planarity,
+        "cylindricality": objects.cylindricality,
+        "sphericity": objects.sphericity,
+    }
+
+
+def _member_ids(ids: Array, of_segment: Array, order: Array) -> Ragged:
+    """Ids of the segments (s,) of every object, ascending; the objects in a given order."""
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    by_object = np.lexsort((ids, rank[of_segment]))
+    counts = np.bincount(of_segment, minlength=len(order))[order]
+    return Ragged(np.append(0, np.cumsum(counts)), ids[by_object].astype(np.uint32))
 
 
 def _segment_columns(found: Segmentation) -> dict[str, Array]:
@@ -45,6 +83,7 @@ def _segment_columns(found: Segmentation) -> dict[str, Array]:
     shape = found.ellipsoids
     return {
         "id": found.ids.astype(np.uint32),
+        "object_id": found.object_ids,
         "state": found.state.astype(np.uint8),
         "count": shape.count.astype(np.uint32),
         "mean": shape.mean,
@@ -105,6 +144,7 @@ class Markers:
     def __init__(self, config: NodeConfig) -> None:
         self._config = config
         self._shown = np.zeros(0, np.uint32)  # ids that the viewer has, ascending
+        self._objects = np.zeros(0, np.uint32)  # that they belong to
         self._sent = np.zeros(0, np.int64)  # ns: when each of them was sent last
         self._sequence = -1  # of the last update
         self._end = 0  # ns: its end
@@ -127,8 +167,11 @@ class Markers:
             send = np.ones(len(rows), bool)
         else:
             send = (found.state[rows] != State.UNCHANGED) | self._due(ids, found.end_ns)
+            if self._config.marker_colour == "object":
+                send |= self._known(self._objects, ids, 0) != found.object_ids[rows]
         dead = np.setdiff1d(self._shown, ids, True)
         self._sent = np.where(send, found.end_ns, self._last_sent(ids))
+        self._objects = found.object_ids[rows]
         self._shown, self._sequence, self._end, self._all = (
             ids,
             found.sequence,
@@ -149,9 +192,13 @@ class Markers:
 
     def _last_sent(self, ids: Array) -> Array:
         """(s,) int64 ns; long ago if never."""
+        return self._known(self._sent, ids, -(2**62))
+
+    def _known(self, column: Array, ids: Array, unknown: int) -> Array:
+        """(s,) what a column of the markers shown says of these ids, or `unknown`."""
         place = np.searchsorted(self._shown, ids)
         known = np.append(self._shown, 0)[place] == ids
-        return np.where(known, np.append(self._sent, 0)[place], np.int64(-(2**62)))
+        return np.where(known, np.append(column, 0)[place], np.int64(unknown))
 
     def _write(self, found: Segmentation, rows: Array, dead: Array) -> bytes:
         """Markers for the `rows` of found, behind the deletions."""
@@ -161,7 +208,10 @@ class Markers:
         action[: len(gone) - len(dead)] = DELETE_ALL
         shape = found.ellipsoids
         sigma = np.sqrt(shape.eigenvalues[rows])
-        rgb = shape_colours(shape.planarity, shape.cylindricality, shape.sphericity)[rows]
+        if self._config.marker_colour == "object":
+            rgb = id_colours(found.object_ids[rows]) / 255.0
+        else:
+            rgb = shape_colours(shape.planarity, shape.cylindricality, shape.sphericity)[rows]
         drawn = {
             "position": shape.mean[rows],
             "orientation": quaternions(shape.axes[rows]),

@@ -164,7 +164,7 @@ def _check_size(msg: Any, row_step: int) -> None:
 
 
 def write_labelled(found: Segmentation) -> bytes:
-    """The window's points as a serialized PointCloud2: what came in, plus `label` and `rgb`.
+    """The window's points as a serialized PointCloud2: what came in, plus our own fields.
 
     See labelled_fields. All points are there: segmented, isolated, rejected and thinned ones.
     """
@@ -183,14 +183,19 @@ def write_sweep(sweep: Sweep) -> bytes:
 
 
 def labelled_fields(found: Segmentation) -> Array:
-    """The input's fields at their places, then `label` uint32 and `rgb`: (n,) structured.
+    """The input's fields at their places, then `label`, `object`, `rgb`: (n,) structured.
 
-    label: id of the point's segment, 0 for none. rgb: as PCL and RViz have it, the bytes of
-    0x00RRGGBB typed as float32. An input field called label, rgb or object becomes input_...
+    label, object: uint32 ids of the point's segment and object, 0 for none. rgb: as PCL and RViz
+    have it, the bytes of 0x00RRGGBB typed as float32. An input field with a name of ours becomes
+    input_...
     """
     red, green, blue = id_colours(np.append(found.ids, 0)).astype(np.uint32).T
     packed = (red << 16 | green << 8 | blue).view(np.float32)
-    added = {"label": found.point_ids, "rgb": packed[np.maximum(found.labels, -1)]}
+    added = {
+        "label": found.point_ids,
+        "object": found.point_object_ids,
+        "rgb": packed[np.maximum(found.labels, -1)],
+    }
     return append_fields(with_xyz(found.points, found.fields, FLOAT32_LOSS), added, OURS)
 
 

@@ -130,7 +130,8 @@ def as_yaml(*records: Checked) -> str:
                 section = path
             indent = "    " + "  " * len(path)
             lines += [f"{indent}# {line}" for line in _comment(about)]
-            lines.append(f"{indent}{last}: {value}")
+            shown = str(value).lower() if isinstance(value, bool) else value
+            lines.append(f"{indent}{last}: {shown}")
     return "\n".join(lines) + "\n"
 
 
