@@ -217,7 +217,7 @@ class Segmenter:
         graph = self._neighbours
         level = find_objects(graph, self._merge.nodes, rows, own, self._config.objects)
         object_labels = np.append(level.of_segment, np.int32(-1))[np.maximum(labels, -1)]
-        facts = level.nodes[:, :EIGENVALUES]
+        facts = np.column_stack([level.nodes[:, : MEAN + 3], level.nodes[:, COVARIANCE:]])
         arrival = self._window.points.arrival
         tracks = self._object_tracker.assign(arrival, object_labels, facts)
         return object_records(level, tracks, self._window.origin)

@@ -13,7 +13,7 @@ from ellipseg_ros.config import Config, ObjectsConfig
 from ellipseg_ros.core import adjacency, jit
 from ellipseg_ros.core.adjacency import boundaries
 from ellipseg_ros.core.eigen import least_eigenvalue
-from ellipseg_ros.core.ellipsoids import COVARIANCE, segment_moments, shape
+from ellipseg_ros.core.ellipsoids import COVARIANCE, EIGENVALUES, WIDTH, segment_moments, shape
 from ellipseg_ros.core.heap import empty_heap, remove, set_cost
 from ellipseg_ros.core.objects import find_objects, merge_segments, segment_features
 from ellipseg_ros.data import Hierarchy, Sweep
@@ -31,6 +31,11 @@ def labelled(cloud, n, seed=0):
     first = {}
     labels = [first.setdefault(cell, len(first)) if cell >= 0 else -1 for cell in cells]
     return points, graph, np.array(labels, np.int32), len(first)
+
+
+def moments_of(points, labels, segments):
+    """Nodes of the points of every segment, all anew."""
+    return segment_moments(points, labels, np.full(segments, -1), np.zeros((0, WIDTH)))
 
 
 def lists_of(graph):
@@ -73,7 +78,7 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
     points, graph, labels, segments = labelled(street, 80 if jit.PLAIN else 250, seed)
     # Thickened a little: which of two perfectly flat ones is thinner is a matter of rounding.
     extra = np.random.default_rng(seed).uniform(1e-4, 2e-3, segments)
-    own, moments = segment_moments(points, labels, segments), {}
+    own, moments = moments_of(points, labels, segments), {}
     for s in range(segments):
         count, mean, covariance = naive.moments(points[labels == s])
         moments[s] = count, mean, covariance + extra[s] * np.eye(3)
@@ -97,7 +102,8 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
 def test_equal_costs_merge_the_lower_segments_first():
     own = np.zeros((4, 24))
     own[:, 0] = 1.0
-    own[:, [COVARIANCE, COVARIANCE + 3, COVARIANCE + 5]] = own[:, 10:13] = 1.0
+    own[:, [COVARIANCE, COVARIANCE + 3, COVARIANCE + 5]] = 1.0
+    own[:, EIGENVALUES : EIGENVALUES + 3] = 1.0
     pairs = adjacency.Boundaries(*np.array([[0, 0, 1, 2], [2, 3, 3, 3], [1, 1, 1, 1]], np.int32))
     found = merge_segments(own, np.zeros((4, 4)), pairs, 0.02)
     assert list(zip(found.into, found.merged, strict=True)) == [(0, 2), (0, 3), (0, 1)]
@@ -212,7 +218,7 @@ def test_few_and_equal_points(points):
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
-    own = segment_moments(points, labels, segments)
+    own = moments_of(points, labels, segments)
     expected = find_objects(graph.neighbours, graph.nodes, labels, own, ObjectsConfig())
     monkeypatch.setattr(jit, "THREADS", threads)
     monkeypatch.setattr(jit, "LEAST", 10)

@@ -13,7 +13,16 @@ import numpy as np
 from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.adjacency import Boundaries, boundaries
 from ellipseg_ros.core.eigen import least_eigenvalue
-from ellipseg_ros.core.ellipsoids import AXES, COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
+from ellipseg_ros.core.ellipsoids import (
+    COUNT,
+    COVARIANCE,
+    EIGENVALUES,
+    MEAN,
+    V1,
+    V2,
+    V3,
+    unite,
+)
 from ellipseg_ros.core.heap import NOWHERE, empty_heap, remove, set_cost
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.neighbours import Neighbours
@@ -130,17 +139,17 @@ def _features(start, stop, nodes, labels, features):
         if labels[i] < 0:
             continue
         s1, s2, s3 = (
-            math.sqrt(nodes[i, EIGENVALUES]),
-            math.sqrt(nodes[i, EIGENVALUES + 1]),
             math.sqrt(nodes[i, EIGENVALUES + 2]),
+            math.sqrt(nodes[i, EIGENVALUES + 1]),
+            math.sqrt(nodes[i, EIGENVALUES]),
         )
         squared = 0.0
         up = 0.0
         for axis in range(3):
             up = (
-                s1 * abs(nodes[i, AXES + axis])
-                + s2 * abs(nodes[i, AXES + 3 + axis])
-                + s3 * abs(nodes[i, AXES + 6 + axis])
+                s1 * abs(nodes[i, V1 + axis])
+                + s2 * abs(nodes[i, V2 + axis])
+                + s3 * abs(nodes[i, V3 + axis])
             )  # of z, at last
             squared += up * up
         if s1 > 0.0:
@@ -232,7 +241,7 @@ def union_thickness(nodes, a, b, limit):
     """Least variance of the union of two sets, m^2; infinite if it is above the limit."""
     n = nodes[a, COUNT] + nodes[b, COUNT]
     fa, fb = nodes[a, COUNT] / n, nodes[b, COUNT] / n
-    if fa * nodes[a, EIGENVALUES + 2] + fb * nodes[b, EIGENVALUES + 2] > limit:
+    if fa * nodes[a, EIGENVALUES] + fb * nodes[b, EIGENVALUES] > limit:
         return math.inf  # a union is no thinner than its parts on average (Weyl)
     dx, dy, dz = (
         nodes[b, MEAN] - nodes[a, MEAN],
