@@ -1,4 +1,4 @@
-"""Pictures of a window: its points by segment, its ellipsoids by shape; from above or obliquely.
+"""Pictures of a window: its points by segment or object, its ellipsoids; from above or obliquely.
 
 matplotlib, as it needs no display and makes the same picture everywhere; its object interface, as
 pyplot would keep a state for the whole process.
@@ -23,6 +23,7 @@ from ellipseg_ros.data import ISOLATED, Array, Segmentation
 WIDTH, DPI = 1600, 100  # px, 1/inch
 HEADER, FOOTER, MARGIN = 84, 120, 24  # px
 TALLEST, FLATTEST = 0.9, 0.3  # of the width: height of the part with the data
+TALLEST_PANEL = 2.0  # of its width, where several stand side by side
 BACKGROUND, INK, FAINT = "#0d1117", "#e6edf3", "#8b949e"
 SIGMAS = 2.0  # half axes of an ellipsoid, in standard deviations
 LEAST = NodeConfig().marker_min_count  # points of an ellipsoid that is drawn, as in RViz
@@ -40,6 +41,7 @@ class View:
 
 BIRDSEYE = View(0.0, 90.0)
 OBLIQUE = View(24.0, 32.0)
+UPRIGHT = View(-90.0, 90.0)  # from above, the longest side upright
 
 
 def draw_segments(found: Segmentation, path: Path, view: View = BIRDSEYE) -> None:
@@ -47,7 +49,7 @@ def draw_segments(found: Segmentation, path: Path, view: View = BIRDSEYE) -> Non
     scene = _scene(found, view)
     picture = _Picture(scene.flat[scene.shown])
     colours = id_colours(found.point_ids[scene.shown])
-    _draw_points(picture, scene, colours / 255.0)
+    _draw_points(picture, picture.axes, scene, colours / 255.0)
     picture.header("Segments", found, "one colour a segment, grey: none")
     picture.footer(scene.axes)
     picture.save(path)
@@ -63,13 +65,50 @@ def draw_ellipsoids(found: Segmentation, path: Path, view: View = BIRDSEYE) -> N
     big = found.ellipsoids.count >= LEAST
     rows = np.append(big, False)[np.maximum(found.labels, -1)]
     small = _Scene(scene.flat, scene.depth, scene.axes, scene.centre, scene.shown & ~rows)
-    _draw_points(picture, small, np.full((int(small.shown.sum()), 3), NO_SEGMENT) / 255.0)
+    _draw_points(
+        picture, picture.axes, small, np.full((int(small.shown.sum()), 3), NO_SEGMENT) / 255.0
+    )
     _draw_bodies(picture.axes, found, scene, big)
     note = f"{int(big.sum()):,} of {LEAST} points or more drawn at {SIGMAS:g} sigma"
     picture.header("Ellipsoids", found, note)
     picture.footer(scene.axes)
     picture.shape_key()
     picture.save(path)
+
+
+def draw_levels(found: Segmentation, path: Path, view: View = UPRIGHT) -> None:
+    """Write a PNG of the same points side by side: by segment, by object, and by truth.
+
+    The truth stands where the input has it: fields `instance` (0: none), `class` or `coarse`.
+    """
+    scene = _scene(found, view)
+    panels = {f"{len(found.ellipsoids):,} ellipsoids": found.point_ids}
+    if found.objects is not None:
+        panels[f"{len(found.objects):,} objects"] = found.point_object_ids
+    truth = _truth(found.fields)
+    if truth is not None:
+        panels["truth"] = truth
+    picture = _Picture(scene.flat[scene.shown], len(panels))
+    for axes, (title, ids) in zip(picture.panels, panels.items(), strict=True):
+        _draw_points(picture, axes, scene, id_colours(ids[scene.shown]) / 255.0)
+        axes.set_title(title, color=INK, size=13)
+    picture.header("Ellipsoids, and objects", found, "one colour each, grey: none")
+    picture.footer(scene.axes)
+    picture.save(path)
+
+
+def _truth(fields: Array | None) -> Array | None:
+    """(n,) numbers of what the points truly belong to: things, else classes; None if not known."""
+    names = () if fields is None else fields.dtype.names or ()
+    found = None
+    for name in ("class", "coarse"):
+        if fields is not None and name in names and found is None:
+            found = np.maximum(fields[name].astype(np.int64), 0)
+    if fields is not None and "instance" in names:
+        things = np.maximum(fields["instance"].astype(np.int64), 0)
+        classes = np.zeros_like(things) if found is None else found
+        found = np.where(things > 0, classes.max(initial=0) + things, classes)
+    return found
 
 
 @dataclass(frozen=True)
@@ -108,7 +147,7 @@ def _view_axes(points: Array, view: View) -> Array:
     return np.array([right, np.cross(eye, right), eye])
 
 
-def _draw_points(picture: "_Picture", scene: _Scene, colours: Array) -> None:
+def _draw_points(picture: "_Picture", axes: Axes, scene: _Scene, colours: Array) -> None:
     """Put the shown points in, the far ones first and darker. colours: (shown, 3) in 0...1."""
     flat, depth = scene.flat[scene.shown], scene.depth[scene.shown]
     inside = picture.holds(flat)
@@ -118,7 +157,7 @@ def _draw_points(picture: "_Picture", scene: _Scene, colours: Array) -> None:
     far, near = np.percentile(depth, [2, 98])
     light = 0.62 + 0.38 * np.clip((depth - far) / max(near - far, 1e-9), 0.0, 1.0)
     order = np.argsort(depth, kind="stable")
-    picture.axes.scatter(
+    axes.scatter(
         flat[order, 0],
         flat[order, 1],
         c=(colours * light[:, None])[order],
@@ -161,23 +200,34 @@ def _draw_bodies(axes: Axes, found: Segmentation, scene: _Scene, big: Array) -> 
 
 
 class _Picture:
-    """A dark sheet: a header, the data at equal scales, a footer that keeps clear of them."""
+    """A dark sheet: a header, the data at equal scales, a footer that keeps clear of them.
 
-    def __init__(self, flat: Array) -> None:
+    panels: how many times the data stand side by side.
+    """
+
+    def __init__(self, flat: Array, panels: int = 1) -> None:
         low, high = _limits(flat)
         span = high - low
         self._count = max(1, len(flat))
-        wide = WIDTH - 2 * MARGIN
-        tall = round(wide * float(np.clip(span[1] / span[0], FLATTEST, TALLEST)))
-        self.height = tall + HEADER + FOOTER
+        wide = (WIDTH - (panels + 1) * MARGIN) // panels
+        tallest = TALLEST if panels == 1 else TALLEST_PANEL
+        tall = round(wide * float(np.clip(span[1] / span[0], FLATTEST, tallest)))
+        self._area = wide * tall
+        titles = 0 if panels == 1 else MARGIN
+        self.height = tall + titles + HEADER + FOOTER
         self.figure = Figure((WIDTH / DPI, self.height / DPI), dpi=DPI, facecolor=BACKGROUND)
-        self.axes = self.figure.add_axes(self._place(MARGIN, FOOTER, wide, tall))
-        self.axes.set_axis_off()
+        self.panels = [
+            self.figure.add_axes(self._place(MARGIN + k * (wide + MARGIN), FOOTER, wide, tall))
+            for k in range(panels)
+        ]
+        self.axes = self.panels[0]
         self._pixel = max(span[0] / wide, span[1] / tall)  # m
         middle, half = 0.5 * (low + high), 0.5 * self._pixel * np.array([wide, tall])
         self.low, self.high = middle - half, middle + half
-        self.axes.set_xlim(self.low[0], self.high[0])
-        self.axes.set_ylim(self.low[1], self.high[1])
+        for axes in self.panels:
+            axes.set_axis_off()
+            axes.set_xlim(self.low[0], self.high[0])
+            axes.set_ylim(self.low[1], self.high[1])
 
     def holds(self, flat: Array) -> Array:
         """(n,) bool: which places lie within the picture."""
@@ -186,8 +236,7 @@ class _Picture:
     @property
     def dot_size(self) -> float:
         """Area of a dot in square points: larger where there are few."""
-        area = WIDTH * (self.height - HEADER - FOOTER)
-        pixels = float(np.clip(0.6 * np.sqrt(area / self._count), 1.4, 4.0))
+        pixels = float(np.clip(0.6 * np.sqrt(self._area / self._count), 1.4, 4.0))
         return (pixels * 72.0 / DPI) ** 2
 
     def header(self, title: str, found: Segmentation, note: str) -> None:
@@ -207,7 +256,7 @@ class _Picture:
 
     def footer(self, axes: Array) -> None:
         """Draw a scale bar, and where the axes of the frame point."""
-        length = _round_down(0.2 * (self.high[0] - self.low[0]))
+        length = _round_down(0.2 * (self.high[0] - self.low[0]) * len(self.panels) ** 0.5)
         pixels = length / self._pixel
         self._line((MARGIN, 44), (MARGIN + pixels, 44), INK)
         for x in (MARGIN, MARGIN + pixels):

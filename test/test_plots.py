@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import rgb_to_hsv
 from matplotlib.image import imread
 
 from ellipseg_ros import plots, simulator
@@ -11,7 +12,8 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.data import join_sweeps
 from ellipseg_ros.segmenter import segment
 
-DRAWERS = [plots.draw_segments, plots.draw_ellipsoids]
+SINGLE = [plots.draw_segments, plots.draw_ellipsoids]
+DRAWERS = [*SINGLE, plots.draw_levels]
 VIEWS = [plots.BIRDSEYE, plots.OBLIQUE]
 
 
@@ -39,7 +41,7 @@ def coloured(image):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("draw", DRAWERS)
+@pytest.mark.parametrize("draw", SINGLE)
 def test_a_picture_shows_the_segments(draw, view, tmp_path):
     image = drawn(draw, found_in(cloud()), tmp_path / "a.png", view)
     assert 0.25 < image.shape[0] / image.shape[1] < 1.0
@@ -64,6 +66,22 @@ def test_stems_are_red_and_square_walls_blue(thing, channel, tmp_path):
     image = drawn(plots.draw_ellipsoids, found, tmp_path / "a.png", plots.OBLIQUE)
     mean = image[coloured(image)].mean(axis=0)
     assert int(np.argmax(mean)) == channel
+
+
+def test_truth_stands_beside_segments_and_objects_where_there_is_one(tmp_path):
+    points = cloud()
+    fields = np.zeros(len(points), [("instance", np.uint32), ("class", np.uint8)])
+    fields["class"] = 1
+    fields["instance"][: len(points) // 2] = 9
+    found = replace(found_in(points), fields=fields)
+    image = drawn(plots.draw_levels, found, tmp_path / "a.png")
+    hues = []
+    for part in np.array_split(image, 3, axis=1):
+        hue = rgb_to_hsv(part[coloured(part)])[:, 0]
+        hues.append(np.count_nonzero(np.histogram(hue, bins=36, range=(0, 1))[0] > 20))
+    assert hues[0] > hues[2] >= 1
+    without = drawn(plots.draw_levels, replace(found, fields=None), tmp_path / "b.png")
+    assert without.shape[0] != image.shape[0]  # two panels are wider, so taller
 
 
 def test_small_segments_are_grey_points_among_ellipsoids(tmp_path):

@@ -15,7 +15,13 @@ LOG = "node.log"
 PARAMETERS = "segmenter.yaml"
 NPZ = "window.npz"
 PLY = "window.ply"
-PICTURES = ("segments.png", "ellipsoids.png", "segments_oblique.png", "ellipsoids_oblique.png")
+PICTURES = (
+    "segments.png",
+    "ellipsoids.png",
+    "segments_oblique.png",
+    "ellipsoids_oblique.png",
+    "levels.png",
+)
 NAMES = (BAG, SUMMARY, PARAMETERS, LOG, NPZ, PLY, *PICTURES)
 
 
@@ -61,10 +67,11 @@ def _ours(name: str, names: tuple[str, ...]) -> bool:
 
 
 def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:
-    """Four pictures: points and ellipsoids, from above and obliquely."""
+    """Points and ellipsoids, from above and obliquely; segments, objects and truth."""
     from ellipseg_ros import plots  # matplotlib takes long to load, hence only if wanted
 
     say("drawing ...", args)
     for view, suffix in ((plots.BIRDSEYE, ""), (plots.OBLIQUE, "_oblique")):
         plots.draw_segments(found, folder / f"segments{suffix}.png", view)
         plots.draw_ellipsoids(found, folder / f"ellipsoids{suffix}.png", view)
+    plots.draw_levels(found, folder / "levels.png")
