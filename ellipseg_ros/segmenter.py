@@ -220,4 +220,6 @@ class Segmenter:
         facts = np.column_stack([level.nodes[:, : MEAN + 3], level.nodes[:, COVARIANCE:]])
         arrival = self._window.points.arrival
         tracks = self._object_tracker.assign(arrival, object_labels, facts)
+        for column in (object_labels, tracks.ids):
+            column.flags.writeable = False  # the next update builds on them
         return object_records(level, tracks, self._window.origin)

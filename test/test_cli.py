@@ -102,7 +102,7 @@ def test_segment_writes_the_last_window(segmented):
 
 def test_the_pictures_are_there(segmented):
     pictures = sorted(path.name for path in segmented.glob("*.png"))
-    assert len(pictures) == 4
+    assert len(pictures) == 5
     assert all((segmented / name).stat().st_size > 10_000 for name in pictures)
 
 
