@@ -184,6 +184,7 @@ ERRORS = {
     "scene option for a bag": (["segment", "yard", "--seed", "1"], "simulated scenes"),
     "out of range": (["segment", "yard", "--set", "graph.neighbours=2"], "from 3 to 64"),
     "not a number": (["segment", "yard", "--threshold", "much"], "must be a number"),
+    "not a truth": (["segment", "yard", "--set", "objects.enabled=no"], "must be true or false"),
     "not whole": (["segment", "yard", "--set", "input_depth=1.5"], "must be a whole number"),
     "unknown setting": (["segment", "yard", "--set", "neighbors=5"], "graph.neighbours"),
     "no value": (["segment", "yard", "--set", "threshold"], "--set name=value"),

@@ -243,7 +243,7 @@ def test_every_setting_is_a_parameter_that_explains_itself(node):
     for (name, value, about), found in zip(settings, described, strict=True):
         assert about.about in found.description and about.unit in found.description
         assert found.read_only == (not about.live), name
-        kinds = {str: "STRING", float: "DOUBLE", int: "INTEGER"}
+        kinds = {str: "STRING", float: "DOUBLE", int: "INTEGER", bool: "BOOL"}
         assert found.type == getattr(ParameterType, f"PARAMETER_{kinds[type(value)]}")
         ranges = [*found.floating_point_range, *found.integer_range]
         assert [(r.from_value, r.to_value) for r in ranges] == (
