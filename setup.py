@@ -170,6 +170,14 @@ setup(
             "small_gicp",
         ],
         "dask": ["distributed"],  # `ellipseg tune --scheduler`
+        # `ellipseg evaluate partition` compares with these, as large again. PCL's region
+        # growing is not among them: it has no wheels.
+        "evaluate": [
+            "cut-pursuit-py",
+            "hdbscan",
+            "open3d-cpu",
+            "pgeof",
+        ],
         # The tests run colcon, so they need the build requirements of pyproject.toml too; `make
         # setup` installs both. Other versions of mypy and ruff have other opinions.
         "test": [

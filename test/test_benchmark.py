@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from ellipseg_ros.benchmark import peers, rows, stages, streams
-from ellipseg_ros.benchmark.page import page, table
+from ellipseg_ros.benchmark.page import page
 from ellipseg_ros.benchmark.picture import draw
 from ellipseg_ros.benchmark.sections import SECTIONS, compile_kernels, measure
 from ellipseg_ros.benchmark.timing import in_turn, ratio, spread
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.cli.parser import build_parser
+from ellipseg_ros.measuring import packages
+from ellipseg_ros.measuring.markdown import table
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
 
@@ -113,14 +115,16 @@ def test_a_peer_whose_library_is_missing_says_so(monkeypatch):
     def fail(name):
         raise ImportError("libmissing.so: cannot open shared object file")
 
-    monkeypatch.setattr(peers, "import_module", fail)
-    assert peers.load(peers.KNN)[1].startswith("does not load: libmissing.so")
+    monkeypatch.setattr(packages, "import_module", fail)
+    assert packages.load(peers.KNN.package, peers.KNN.module)[1].startswith(
+        "does not load: libmissing.so"
+    )
 
 
 def test_the_search_of_scipy_finds_the_neighbours():
     points = np.random.default_rng(0).normal(size=(100, 3))
     peer = next(peer for peer in peers.PEERS if peer.package == "scipy")
-    distances, indices = peer.prepare(peers.load(peer)[0], points)()
+    distances, indices = peer.prepare(packages.load(peer.package, peer.module)[0], points)()
     assert indices.shape == (100, 10)
     assert (indices[:, 0] == np.arange(100)).all()
     assert (np.diff(distances, axis=1) >= 0.0).all()

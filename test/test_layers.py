@@ -16,7 +16,13 @@ LAYERS = ["errors", "config", "data", "core", "", "io", "ros", "cli"]
 ONLY_IN = {
     "ellipseg_ros.msg": ["ros/"],
     "distributed": ["tuning/parallel.py"],
-    "matplotlib": ["plots.py", "charts.py", "benchmark/picture.py"],
+    "matplotlib": [
+        "plots.py",
+        "charts.py",
+        "benchmark/picture.py",
+        "comparison/picture.py",
+        "measuring/charts.py",
+    ],
     "rclpy": ["ros/"],
     "rosbags": ["io/bag.py"],
     "small_gicp": ["core/neighbours.py", "cli/"],
@@ -48,7 +54,9 @@ def imported(path):
 
 def layer(parts):
     """The number of the layer of a module, given the parts of its name below the package."""
-    name = {"benchmark": "cli"}.get(parts[0], parts[0])  # it starts nodes, as commands do
+    name = (
+        "cli" if parts[0] in ("benchmark", "comparison") else parts[0]
+    )  # commands in all but name
     return LAYERS.index(name if name in LAYERS else "")
 
 

@@ -9,6 +9,7 @@ from ellipseg_ros.benchmark.streams import SCENE, Sizes, window_points
 from ellipseg_ros.benchmark.timing import in_turn, milliseconds, ratio
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.data import Array
+from ellipseg_ros.measuring.packages import load, version_of
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.simulator import simulate
 
@@ -24,13 +25,13 @@ def batch(sizes: Sizes) -> Section:
     cases = [batch_case(name, points, times) for name in CRITERIA]
     result: Section = {"points": len(points), "cases": cases}
     if "knn" not in times:
-        return result | {"missing": {peers.KNN.name: peers.load(peers.KNN)[1]}}
+        return result | {"missing": {peers.KNN.name: load(peers.KNN.package, peers.KNN.module)[1]}}
     return result | {"knn_ms": milliseconds(times["knn"])}
 
 
 def knn(points: Array) -> dict[str, Callable[[], Any]]:
     """The search that a batch is compared with, if it is installed."""
-    module, _ = peers.load(peers.KNN)
+    module, _ = load(peers.KNN.package, peers.KNN.module)
     return {} if module is None else {"knn": peers.KNN.prepare(module, points)}
 
 
@@ -54,14 +55,14 @@ def peer_times(sizes: Sizes) -> Section:
     calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, Config())}
     missing = {}
     for peer in peers.PEERS:
-        module, why = peers.load(peer)
+        module, why = load(peer.package, peer.module)
         if module is None:
             missing[peer.name] = why
         else:
             calls[peer.name] = peer.prepare(module, points)
     times = in_turn(calls, max(1, sizes.runs // 2), PATIENCE)
     rows = [
-        {"name": peer.name, "about": peer.about, "version": peers.version_of(peer)}
+        {"name": peer.name, "about": peer.about, "version": version_of(peer.package, peer.module)}
         | {"ms": milliseconds(times[peer.name])}
         for peer in peers.PEERS
         if peer.name in times

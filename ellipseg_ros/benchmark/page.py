@@ -1,12 +1,11 @@
 """The results as Markdown, which a terminal shows as well: tables, and how they were measured."""
 
-import re
 from collections.abc import Callable
 from typing import Any
 
+from ellipseg_ros.measuring.markdown import Cells, machine_line, not_measured, number, table
+
 Results = dict[str, Any]
-Cells = list[str]
-NUMBER = re.compile(r"(≤ )?\d[\d.,%]*( m?s| MB| \(.*| clouds)?$|-?$")  # or nothing
 
 INTRODUCTION = """# Benchmarks
 
@@ -37,33 +36,7 @@ def blocks(results: Results) -> list[str]:
     sections = results["sections"]
     written = [write(sections[name]) for name, write in WRITERS.items() if name in sections]
     quick = [QUICK] if results["quick"] else []
-    return [_machine(results["machine"]), *quick, _promises(results["rows"]), *written]
-
-
-def table(head: Cells, rows: list[Cells]) -> str:
-    """A Markdown table, its columns aligned: numbers to the right."""
-    columns = list(zip(*rows, strict=True)) if rows else [()] * len(head)
-    numeric = [all(NUMBER.match(cell) for cell in column) for column in columns]
-    widths = [
-        max(3, len(name), *map(len, cells)) for name, cells in zip(head, columns, strict=True)
-    ]
-    rule = [
-        "-" * (width - 1) + (":" if right else "-")
-        for width, right in zip(widths, numeric, strict=True)
-    ]
-    lines = []
-    for row in [head, rule, *rows]:
-        cells = [
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(row, widths, numeric, strict=True)
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-def number(value: float) -> str:
-    """Three digits that matter; whole from 100 on."""
-    return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+    return [machine_line(results["machine"]), *quick, _promises(results["rows"]), *written]
 
 
 def between(value: dict[str, Any] | None) -> str:
@@ -73,15 +46,6 @@ def between(value: dict[str, Any] | None) -> str:
     if value["runs"] == 1:
         return number(value["median"])
     return f"{number(value['median'])} ({number(value['low'])} to {number(value['high'])})"
-
-
-def _machine(machine: Results) -> str:
-    versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
-    return (
-        f"Machine: {machine['cpu']}, {machine['cores']} cores, {machine['memory_gb']:g} GB; "
-        f"{machine['system']}, Python {machine['python']}, {versions}. "
-        f"Load average before: {machine['load_before']:g}.\n"
-    )
 
 
 def _promises(rows: list[Results]) -> str:
@@ -106,7 +70,7 @@ def _batch(section: Results) -> str:
     if "knn_ms" in section:
         beside = f"small_gicp's 10-NN of the same points: {between(section['knn_ms'])} ms."
     else:
-        beside = _missing(section["missing"])
+        beside = not_measured(section["missing"])
     return (
         f"## Batch\n\n`segment()` of {section['points']:,} simulated points. {beside}\n\n"
         + table(["criterion", "threshold", "segments", "ms", "ratio to 10-NN"], rows)
@@ -121,11 +85,7 @@ def _peers(section: Results) -> str:
     ]
     text = f"## Peers\n\nThe same {section['points']:,} points.\n\n"
     text += table(["what", "ms", "version", "how"], rows)
-    return text + (f"\n{_missing(section['missing'])}\n" if section["missing"] else "")
-
-
-def _missing(missing: dict[str, str]) -> str:
-    return "Not measured: " + "; ".join(f"{name} ({why})" for name, why in missing.items()) + "."
+    return text + (f"\n{not_measured(section['missing'])}\n" if section["missing"] else "")
 
 
 def _stages(section: Results) -> str:

@@ -1,8 +1,6 @@
 """What others need for the same points: neighbour searches and clusterings that are in use."""
 
 from collections.abc import Callable
-from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 from ellipseg_ros.data import Array
@@ -92,25 +90,3 @@ PEERS = (
         _hdbscan,
     ),
 )
-
-
-def load(peer: Peer) -> tuple[Any, str]:
-    """Its module, and why there is none: a package that is not installed, or does not load."""
-    try:
-        return import_module(peer.module), ""
-    except ModuleNotFoundError as error:
-        if error.name == peer.module.partition(".")[0]:
-            return None, f"not installed; pip install {peer.package}"
-        return None, f"does not load: {error}"
-    except ImportError as error:  # a library of the system that it needs
-        return None, f"does not load: {error}"
-
-
-def version_of(peer: Peer) -> str:
-    """The installed version; empty if pip does not know it."""
-    for package in (peer.package, peer.module.partition(".")[0]):
-        try:
-            return version(package)
-        except PackageNotFoundError:
-            continue
-    return ""

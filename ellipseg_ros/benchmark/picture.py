@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogFormatter, NullLocator
 
-from ellipseg_ros.charts import legend, style, title
-from ellipseg_ros.plots import BACKGROUND, INK
+from ellipseg_ros.measuring.charts import legend, save, sheet, style, title
+from ellipseg_ros.plots import INK
 
 Results = dict[str, Any]
 
@@ -41,16 +39,12 @@ def draw(results: Results, path: Path) -> None:
     panels += [(_lengths, sections["length"])] if "length" in sections else []
     panels += [(_densities, sections["density"])] if "density" in sections else []
     rows, columns = -(-len(panels) // 2), min(2, len(panels))
-    figure = Figure(
-        figsize=(8.0 * columns, 5.0 * rows),
-        facecolor=BACKGROUND,
-        layout=ConstrainedLayoutEngine(w_pad=0.25, h_pad=0.25),
-    )
+    figure = sheet(8.0 * columns, 5.0 * rows)
     for number, (panel, section) in enumerate(panels):
         axes = figure.add_subplot(rows, columns, number + 1)
         style(axes)
         panel(axes, section)
-    figure.savefig(path, dpi=100, facecolor=BACKGROUND)
+    save(figure, path)
 
 
 def _promises(axes: Axes, rows: list[Results]) -> None:

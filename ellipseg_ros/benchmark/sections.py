@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from ellipseg_ros.benchmark import batch, incremental, live, rows, tuning
-from ellipseg_ros.benchmark.machine import describe
 from ellipseg_ros.benchmark.streams import FULL, SCENE, Sizes
 from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from threading import Thread
 
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.measuring.memory import peak_mb
 
 START = "import sys; from ellipseg_ros.ros.segmenter_node import main; sys.exit(main())"
 FAREWELL = 10.0  # s that the node gets to end before it is killed
@@ -54,9 +55,7 @@ class NodeProcess:
     def peak_memory_mb(self) -> float:
         """Most memory that it has held so far, in MB (10^6 bytes)."""
         assert self._process is not None  # it is for after `start`
-        status = Path(f"/proc/{self._process.pid}/status").read_text()
-        kib = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM"))
-        return round(int(kib) * 1024 / 1e6, 1)
+        return peak_mb(self._process.pid)
 
     def _end(self) -> int:
         self._asked = True

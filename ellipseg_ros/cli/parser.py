@@ -22,6 +22,7 @@ EXAMPLES = """examples:
   ellipseg replay yard --rate 2             publish a bag for a node that runs
   ellipseg demo                             node, replay and check, in one go
   ellipseg bench --quick                    how fast it is on this machine
+  ellipseg evaluate partition sim:mixed     how good the segments are, beside other methods
 `ellipseg COMMAND --help` tells more."""
 
 SIMULATE = """example:
@@ -56,6 +57,19 @@ BENCH = """examples:
   ellipseg bench --quick --only batch peers
   ellipseg bench -o docs                    write docs/benchmarks.md, .json and .png"""
 
+EVALUATE = """example:
+  ellipseg evaluate partition scan.npz      how well segments keep classes and things apart"""
+
+PARTITION = """examples:
+  ellipseg evaluate partition sim:roadway --methods objects cut-pursuit
+  ellipseg evaluate partition scan_1.npz scan_2.npz sim:woodland -o docs
+  ellipseg evaluate partition scan_3.npz --add-to docs/quality.json -o docs
+
+A scan is any source whose points have a class: a field `class` or `coarse` of 1 ground,
+2 vegetation, 3 trunk or pole, 4 wire, 5 wall or fence, 6 vehicle, 7 person, 8 other, 0 unknown;
+perhaps a field `instance`, too. For all of the other methods:
+  pip install cut-pursuit-py pgeof open3d-cpu hdbscan"""
+
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of `ellipseg`; `args.command` names the module in cli/ that runs."""
@@ -77,6 +91,7 @@ def build_parser() -> argparse.ArgumentParser:
     _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
     _bench(_command(commands, "bench", "measure speed, latency and memory, beside others", BENCH))
+    _evaluate(_command(commands, "evaluate", "measure quality against truth", EVALUATE))
     return parser
 
 
@@ -183,6 +198,42 @@ def _bench(command: argparse.ArgumentParser) -> None:
         "memory, start",
     )
     command.add_argument("--data", default="", metavar="SOURCE", help="a recording to use, too")
+    command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
+    _talk(command)
+
+
+def _evaluate(command: argparse.ArgumentParser) -> None:
+    """One sub-command for each thing that there is truth about; `args.subject` names it."""
+    subjects = command.add_subparsers(dest="subject", required=True, metavar="SUBJECT")
+    _partition(_command(subjects, "partition", "segments against classes and things", PARTITION))
+
+
+def _partition(command: argparse.ArgumentParser) -> None:
+    command.add_argument("sources", nargs="+", metavar="SCAN", help=SOURCES)
+    command.add_argument("--topic", default="", help="of the clouds, if a bag has several")
+    _scene_options(command)
+    command.add_argument(
+        "--methods",
+        nargs="+",
+        metavar="NAME",
+        help="only these, by the beginning of the name: ellipsoids, cut-pursuit, Open3D, HDBSCAN",
+    )
+    command.add_argument(
+        "--counts",
+        nargs="+",
+        type=int,
+        default=[100, 250, 1000, 2500],
+        metavar="N",
+        help="numbers of segments to come to (100 250 1000 2500)",
+    )
+    command.add_argument(
+        "--limit", type=float, default=900.0, metavar="S", help="time of a method on a scan (900)"
+    )
+    command.add_argument(
+        "--add-to",
+        metavar="JSON",
+        help="results of an earlier run: what is not measured again stays in them",
+    )
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
     _talk(command)
 

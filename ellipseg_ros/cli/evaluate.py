@@ -1,0 +1,78 @@
+"""`ellipseg evaluate`: how good the results are, against truth and beside other methods."""
+
+import json
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.sources import open_input
+from ellipseg_ros.comparison.page import blocks, page
+from ellipseg_ros.comparison.picture import draw
+from ellipseg_ros.comparison.reading import read_scan
+from ellipseg_ros.comparison.scan import Scan
+from ellipseg_ros.comparison.study import Plan, chosen, study
+from ellipseg_ros.errors import EllipsegError
+
+NAMES = ("quality.md", "quality.json", "quality.png")
+
+
+def run(args: Namespace) -> int:
+    """Do what `args.subject` names; returns 0, however good it was."""
+    return {"partition": partition}[args.subject](args)
+
+
+def partition(args: Namespace) -> int:
+    """Segments against classes and things, beside cut-pursuit and others."""
+    methods = chosen(args.methods or [])
+    if min(args.counts) < 1:
+        raise EllipsegError(f"--counts has {min(args.counts)}; it must be 1 or more")
+    if args.limit <= 0.0:
+        raise EllipsegError(f"--limit is {args.limit:g}; it must be more than 0 s")
+    counts = tuple(sorted(set(args.counts)))
+    plan = Plan(counts, args.limit, earlier(args.add_to, counts) if args.add_to else {})
+    scans = [read(spec, args) for spec in args.sources]
+    with progress(len(scans) * len(methods), "runs", args) as bar:
+
+        def begin(what: str) -> None:
+            bar.set_description(what)
+            bar.update()
+            if bar.disable:  # no terminal: lines instead of a bar
+                say(f"{what} ...", args)
+
+        results = study(scans, methods, plan, begin)
+    if args.json:
+        print(json.dumps(results, indent=2))
+    elif not args.quiet:
+        print("\n".join(blocks(results)))
+    if args.output:
+        write(results, Path(args.output), args)
+    return 0
+
+
+def read(spec: str, args: Namespace) -> Scan:
+    """A cloud with truth; --seed and --duration are for those that are simulated."""
+    return read_scan(open_input(spec, args), spec)
+
+
+def earlier(path: str, counts: tuple[int, ...]) -> dict[str, Any]:
+    """Results that an earlier run wrote, for the same numbers of segments."""
+    try:
+        found = json.loads(Path(path).read_text(encoding="utf-8"))
+        there = tuple(found["counts"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise EllipsegError(f"{path} holds no results; it must be a quality.json") from error
+    if there != counts:
+        raise EllipsegError(f"{path} is of --counts {' '.join(map(str, there))}; give the same")
+    return dict(found)
+
+
+def write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
+    """Write page, numbers and picture, over those of an earlier run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text, numbers, picture = (folder / name for name in NAMES)
+    text.write_text(page(results), encoding="utf-8")
+    numbers.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    draw(results, picture)
+    for path in (text, numbers, picture):
+        say(f"wrote {path}", args)

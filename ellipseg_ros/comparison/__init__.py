@@ -1,0 +1,1 @@
+"""`ellipseg evaluate`: partitions of this package and of others, against truth."""

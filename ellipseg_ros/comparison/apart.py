@@ -1,0 +1,83 @@
+"""Runs a method in a process of its own: for its memory, its crashes, and a time limit."""
+
+import multiprocessing
+import time
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+
+from ellipseg_ros.comparison.cells import Cell, cells
+from ellipseg_ros.comparison.methods import Method
+from ellipseg_ros.comparison.scan import Scan
+from ellipseg_ros.measuring.packages import load
+
+
+@dataclass
+class Outcome:
+    """What came of a method; a problem may come after some cells."""
+
+    cells: list[Cell] = field(default_factory=list)
+    missing: str = ""  # why the method is not there
+    problem: str = ""  # what stopped it
+
+
+def run_apart(method: Method, scan: Scan, wanted: list[int | str], limit: float) -> Outcome:
+    """The cells of a method, as many as it makes in `limit` s."""
+    outcome = Outcome()
+    context = multiprocessing.get_context("spawn")  # a fork would begin with our memory
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_serve, args=(theirs, method, scan, wanted), daemon=True)
+    process.start()
+    theirs.close()
+    end = time.monotonic() + limit
+    try:
+        _listen(ours, outcome, end, limit)
+    finally:
+        if process.is_alive():
+            process.join(1.0)  # it has said its last word, or has run out of time
+        if process.is_alive():
+            process.kill()
+        process.join()
+        ours.close()
+    if outcome.problem == ENDED:
+        outcome.problem = f"its process ended with {process.exitcode}"
+    return outcome
+
+
+ENDED = "ended"
+
+
+def _listen(ours: Connection, outcome: Outcome, end: float, limit: float) -> None:
+    """Take what comes until the last word, the end of the process, or the end of the time."""
+    while True:
+        if not ours.poll(max(0.0, end - time.monotonic())):
+            outcome.problem = f"stopped after {limit:g} s"
+            return
+        try:
+            kind, what = ours.recv()
+        except EOFError:
+            outcome.problem = ENDED
+            return
+        if kind == "cell":
+            outcome.cells.append(what)
+        elif kind == "missing":
+            outcome.missing = what
+        elif kind == "problem":
+            outcome.problem = what
+        if kind != "cell":
+            return
+
+
+def _serve(theirs: Connection, method: Method, scan: Scan, wanted: list[int | str]) -> None:
+    """In the other process: send (kind, what) until done."""
+    for package, module in zip(method.package.split(), method.module.split(), strict=True):
+        why = load(package, module)[1]
+        if why:
+            theirs.send(("missing", why))
+            return
+    try:
+        for cell in cells(method, scan, wanted):
+            theirs.send(("cell", cell))
+    except Exception as error:  # whatever a library of others raises is said, not lost
+        theirs.send(("problem", f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"))
+        return
+    theirs.send(("done", None))

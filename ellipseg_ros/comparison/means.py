@@ -1,0 +1,76 @@
+"""Means over clouds, of methods that can be compared."""
+
+from typing import Any
+
+from ellipseg_ros.comparison.cells import OWN, Cell
+
+Results = dict[str, Any]
+
+MEASURES = (
+    "purity",
+    "mean_iou",
+    "boundary_recall",
+    "boundary_precision",
+    "under_segmentation",
+    "ari",
+    "precision",
+    "recall",
+    "quality",
+    "covered",
+    "seconds",
+    "cpu_s",
+    "memory_mb",
+    "count",
+)
+
+
+def cell_at(scan: Results, method: str, wanted: int | str) -> Cell | None:
+    """What a method reached on a cloud at a wanted count, if it did."""
+    for cell in scan["cells"]:
+        if cell["method"] == method and cell["wanted"] == wanted and cell["reached"]:
+            return dict(cell)
+    return None
+
+
+def means(scans: list[Results], methods: list[str], wanted: int | str) -> list[Cell]:
+    """The mean of every measure, a row a method, all over the same clouds; `scans`: how many.
+
+    A method that came to the wanted count on less than half of the clouds has no row; the clouds
+    are those on which all the others came to it.
+    """
+    found = {
+        name: {scan["name"]: cell_at(scan, name, wanted) for scan in scans} for name in methods
+    }
+    often = [
+        name
+        for name, cells in found.items()
+        if 2 * sum(cell is not None for cell in cells.values()) >= len(scans) > 0
+    ]
+    common = [scan["name"] for scan in scans if all(found[name][scan["name"]] for name in often)]
+    rows = [mean_of([found[name][scan] for scan in common]) for name in often]
+    return [
+        {"method": name, "wanted": wanted, "scans": len(common)} | row
+        for name, row in zip(often, rows, strict=True)
+        if common
+    ]
+
+
+def mean_of(cells: list[Cell | None]) -> Cell:
+    """The mean of every measure over the cells that have it; None where none has."""
+    row: Cell = {}
+    for name in MEASURES:
+        values = [cell[name] for cell in cells if cell and cell.get(name) is not None]
+        row[name] = sum(values) / len(values) if values else None
+    return row
+
+
+def columns(results: Results) -> list[int | str]:
+    """All that is shown: every method's own count, then the wanted ones."""
+    return [OWN, *results["counts"]]
+
+
+def kinds(results: Results) -> list[tuple[str, list[Results]]]:
+    """Labelled scans and simulated scenes, each with its heading, if there are any."""
+    pairs = (("Labelled scans", False), ("Simulated scenes", True))
+    split = [(name, [s for s in results["scans"] if s["simulated"] is sim]) for name, sim in pairs]
+    return [(name, scans) for name, scans in split if scans]

@@ -1,0 +1,70 @@
+"""What a method is, and those of this package."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config
+from ellipseg_ros.data import Array, Sweep
+
+Settings: TypeAlias = dict[str, float | str]  # JSON-ready
+Run: TypeAlias = Callable[[Settings], Array]  # -> (n,) labels, negative: none
+
+
+@dataclass(frozen=True)
+class Dial:
+    """The setting by which a method comes to a wanted number of segments: more makes fewer."""
+
+    name: str
+    low: float
+    high: float
+    whole: bool = False  # whole numbers only
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to cut a cloud into segments."""
+
+    name: str
+    prepare: Callable[[Array], Run]  # points (n, 3) m; what is prepared serves many runs
+    grid: tuple[Settings, ...]  # its own settings; of several, the best is shown
+    dial: Dial | None  # None: `segments` is a setting, and is met
+    package: str = ""  # on PyPI; of others
+    module: str = ""
+
+
+SEGMENTS = "segments"  # setting of a method without a dial
+DIALS = {
+    "shape": Dial("threshold", 0.01, 1e6),
+    "density": Dial("threshold", 1e-5, 1e4),
+    "parsimony": Dial("threshold", 0.01, 1e7),
+}
+
+
+def prepare_ellipsoids(criterion: str, points: Array) -> Run:
+    """Graph and initial ellipsoids once, then a merge for every threshold, equal to a batch."""
+    from ellipseg_ros.segmenter import Segmenter  # numba, which a process of a peer does not need
+
+    segmenter = Segmenter()
+    waiting = [points]
+
+    def run(settings: Settings) -> Array:
+        segmenter.configure(Config(criterion, float(settings["threshold"])))
+        new = waiting.pop() if waiting else points[:0]
+        return segmenter.process(Sweep(stamp_ns=0, points=new)).labels
+
+    return run
+
+
+def ellipsoids(criterion: str) -> Method:
+    """The segments of one criterion."""
+    return Method(
+        name=f"ellipsoids, {criterion}",
+        prepare=partial(prepare_ellipsoids, criterion),
+        grid=({"threshold": DEFAULT_THRESHOLDS[criterion]},),
+        dial=DIALS[criterion],
+    )
+
+
+OURS = tuple(map(ellipsoids, CRITERIA))

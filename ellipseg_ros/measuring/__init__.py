@@ -1,0 +1,1 @@
+"""What all measurements share: the machine, memory, optional packages, tables, charts."""
