@@ -177,6 +177,7 @@ setup(
             "hdbscan",
             "open3d-cpu",
             "pgeof",
+            "scipy>=1.15",
         ],
         # The tests run colcon, so they need the build requirements of pyproject.toml too; `make
         # setup` installs both. Other versions of mypy and ruff have other opinions.

@@ -10,9 +10,10 @@ from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.page import blocks, page
 from ellipseg_ros.comparison.picture import draw
 from ellipseg_ros.comparison.reading import read_scan
-from ellipseg_ros.comparison.scan import Scan
+from ellipseg_ros.comparison.scan import SEARCH, Scan
 from ellipseg_ros.comparison.study import Plan, chosen, study
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.measuring.packages import load
 
 NAMES = ("quality.md", "quality.json", "quality.png")
 
@@ -24,6 +25,8 @@ def run(args: Namespace) -> int:
 
 def partition(args: Namespace) -> int:
     """Segments against classes and things, beside cut-pursuit and others."""
+    if why := load("scipy", SEARCH)[1]:
+        raise EllipsegError(f"evaluate needs scipy, which is {why}")
     methods = chosen(args.methods or [])
     if min(args.counts) < 1:
         raise EllipsegError(f"--counts has {min(args.counts)}; it must be 1 or more")

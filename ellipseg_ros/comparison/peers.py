@@ -1,8 +1,8 @@
 """Methods of others, with parameters that suit them: what is in use, from PyPI."""
 
 from functools import cache
+from importlib import import_module
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
@@ -26,8 +26,8 @@ def prepare_cut_pursuit(points: Array) -> Run:
     The package ignores its regularisation strength where weights are given (seen in 1.0.12), so
     the strength is a factor of the weights, which is what it means.
     """
-    import cut_pursuit_py
-    import pgeof
+    cut_pursuit = import_module("cut_pursuit_py").perform_cut_pursuit
+    pgeof = import_module("pgeof")
 
     local = np.ascontiguousarray(points - points.mean(axis=0), dtype=np.float32)
 
@@ -45,7 +45,7 @@ def prepare_cut_pursuit(points: Array) -> Run:
         ends, length = others[:, :GRAPH], lengths[:, :GRAPH].reshape(-1)
         starts = np.repeat(np.arange(len(ends), dtype=np.uint32), ends.shape[1])
         weights = float(settings["strength"]) / (1.0 + length / max(float(length.mean()), 1e-9))
-        labels = cut_pursuit_py.perform_cut_pursuit(
+        labels = cut_pursuit(
             1.0,
             found.shape[1],
             found,
@@ -61,7 +61,7 @@ def prepare_cut_pursuit(points: Array) -> Run:
 
 def prepare_dbscan(points: Array) -> Run:
     """Ester et al. (1996): clusters are what dense points reach."""
-    import open3d
+    open3d = import_module("open3d")
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
 
@@ -78,7 +78,7 @@ def prepare_patches(points: Array) -> Run:
     A point belongs to the patch in whose box it lies, of several to the one whose plane is
     nearest.
     """
-    import open3d
+    open3d = import_module("open3d")
 
     corners = open3d.utility.Vector3dVector(points)
     search = open3d.geometry.KDTreeSearchParamKNN(30)
@@ -107,12 +107,12 @@ def prepare_patches(points: Array) -> Run:
 
 def prepare_hdbscan(points: Array) -> Run:
     """Campello et al. (2013): DBSCAN's hierarchy over all radii, cut where clusters are stable."""
-    import hdbscan
+    hdbscan = import_module("hdbscan")
 
     folder = TemporaryDirectory()  # of what does not depend on the size of a cluster
 
     def run(settings: Settings) -> Array:
-        clusters: Any = hdbscan.HDBSCAN(
+        clusters = hdbscan.HDBSCAN(
             min_cluster_size=int(settings["points"]),
             min_samples=5,
             cluster_selection_method=str(settings["selection"]),

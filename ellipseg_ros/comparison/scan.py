@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
+from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ellipseg_ros.data import Array
 from ellipseg_ros.evaluation import UNKNOWN
 
 NEIGHBOURS = 10  # of the graph on which boundaries are measured
+SEARCH = "scipy.spatial"
 NONE = -1  # label of a point without a segment
 
 
@@ -40,12 +42,20 @@ class Scan:
 def neighbour_edges(points: Array) -> Array:
     """Pairs of which one is among the 10 nearest of the other: (n, 3) m -> (m, 2), i < j."""
     wanted = min(NEIGHBOURS + 1, len(points))
-    _, near = cKDTree(points).query(points, wanted, workers=-1)
+    _, near = tree(points).query(points, wanted, workers=-1)
     here = np.repeat(np.arange(len(points)), wanted)
     pairs = np.sort(np.column_stack([here, near.reshape(-1)]), axis=1)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     code = np.unique(pairs[:, 0] * len(points) + pairs[:, 1])
     return np.column_stack([code // len(points), code % len(points)])
+
+
+def tree(points: Array) -> Any:
+    """The kd-tree of scipy, so that truth does not hang on what is judged by it.
+
+    Imported here, since of all commands this one alone needs scipy.
+    """
+    return import_module(SEARCH).cKDTree(points)
 
 
 def completed(labels: Array, points: Array) -> Array:
@@ -58,6 +68,6 @@ def completed(labels: Array, points: Array) -> Array:
         return np.zeros(len(labels), np.int64)
     full = labels.astype(np.int64)
     if not has.all():
-        _, nearest = cKDTree(points[has]).query(points[~has], workers=-1)
+        _, nearest = tree(points[has]).query(points[~has], workers=-1)
         full[~has] = full[has][nearest]
     return full
