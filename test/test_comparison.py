@@ -243,13 +243,14 @@ def test_means_are_over_clouds_that_all_came_to():
             ],
         }
 
-    clouds = [cloud("x", a=9, b=8), cloud("y", a=1, b=0), cloud("z", a=2, b=4, c=9)]
+    clouds = [cloud("x", a=9, b=8), cloud("y", a=1, b=0, c=5), cloud("z", a=2, b=4, c=9)]
+    clouds.append(cloud("w", a=1, b=3))
     found = means(clouds, ["a", "b", "c"], 9)
     assert [(row["method"], row["scans"], row["count"]) for row in found] == [
-        ("a", 2, 5.5),
-        ("b", 2, 6.0),
+        ("a", 3, 4.0),
+        ("b", 3, 5.0),
     ]
-    assert found[0]["purity"] == pytest.approx(0.55)
+    assert found[0]["purity"] == pytest.approx(0.4)
 
 
 def test_what_is_not_measured_again_stays(results, monkeypatch):

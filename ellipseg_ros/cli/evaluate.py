@@ -75,7 +75,15 @@ def write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     text, numbers, picture = (folder / name for name in NAMES)
     text.write_text(page(results), encoding="utf-8")
-    numbers.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    numbers.write_text(row_by_row(results), encoding="utf-8")
     draw(results, picture)
     for path in (text, numbers, picture):
         say(f"wrote {path}", args)
+
+
+def row_by_row(results: dict[str, Any]) -> str:
+    """JSON with a line for each cell and each cloud: hundreds of lines, not tens of thousands."""
+    text = json.dumps(results)
+    for start in ('{"method": ', '{"name": ', '{"title": ', '"scans": '):
+        text = text.replace(start, f"\n{start}")
+    return f"{text}\n"

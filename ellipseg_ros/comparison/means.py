@@ -6,6 +6,8 @@ from ellipseg_ros.comparison.cells import OWN, Cell
 
 Results = dict[str, Any]
 
+OFTEN = 0.75  # share of the clouds on which a method must come to a count to have a mean
+
 MEASURES = (
     "purity",
     "mean_iou",
@@ -35,8 +37,8 @@ def cell_at(scan: Results, method: str, wanted: int | str) -> Cell | None:
 def means(scans: list[Results], methods: list[str], wanted: int | str) -> list[Cell]:
     """The mean of every measure, a row a method, all over the same clouds; `scans`: how many.
 
-    A method that came to the wanted count on less than half of the clouds has no row; the clouds
-    are those on which all the others came to it.
+    A method that came to the wanted count on less than three quarters of the clouds has no row;
+    the clouds are those on which all the others came to it.
     """
     found = {
         name: {scan["name"]: cell_at(scan, name, wanted) for scan in scans} for name in methods
@@ -44,7 +46,7 @@ def means(scans: list[Results], methods: list[str], wanted: int | str) -> list[C
     often = [
         name
         for name, cells in found.items()
-        if 2 * sum(cell is not None for cell in cells.values()) >= len(scans) > 0
+        if sum(cell is not None for cell in cells.values()) >= OFTEN * len(scans)
     ]
     common = [scan["name"] for scan in scans if all(found[name][scan["name"]] for name in often)]
     rows = [mean_of([found[name][scan] for scan in common]) for name in often]

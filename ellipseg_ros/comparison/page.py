@@ -110,7 +110,7 @@ def _means(heading: str, scans: list[Results], results: Results) -> str:
     text = (
         f"## {heading}: means\n\nOver {', '.join(scan['name'] for scan in scans)}. At a wanted "
         "number, every row is over the same clouds: those on which all the methods shown came to "
-        "it. A method that did so on less than half of the clouds is not shown.\n"
+        "it. A method that did so on less than three quarters of the clouds is not shown.\n"
     )
     for wanted in columns(results):
         rows = [_mean(row, told) for row in means(scans, names, wanted)]
@@ -173,6 +173,8 @@ def _methods(results: Results) -> str:
     if CUT_PURSUIT.name in [method["name"] for method in results["methods"]]:
         text += (
             "\nThe binding of cut-pursuit ignores its regularisation strength where edges have "
-            "weights (seen in 1.0.12), so the strength is a factor of the weights here.\n"
+            "weights (seen in 1.0.12), so the strength is a factor of the weights here. Its own "
+            "strength is that of its authors for outdoor scans. PCL's region growing is not among "
+            "the methods: PCL is not on PyPI.\n"
         )
     return text

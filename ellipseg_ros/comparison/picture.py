@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogFormatter, NullLocator
 
 from ellipseg_ros.comparison.cells import OWN
 from ellipseg_ros.comparison.means import kinds, means
@@ -80,3 +80,5 @@ def _scales(axes: Axes, measure: str, counts: list[int]) -> None:
     if measure == LOGARITHMIC and axes.lines:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
+        few = LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.5))
+        axes.yaxis.set_minor_formatter(few)
