@@ -14,7 +14,7 @@ from ellipseg_ros.cli.main import main
 from ellipseg_ros.comparison import apart, cells, study
 from ellipseg_ros.comparison.dial import Search, reached
 from ellipseg_ros.comparison.means import means
-from ellipseg_ros.comparison.methods import Dial, ellipsoids
+from ellipseg_ros.comparison.methods import Dial, ellipsoids, prepare_objects
 from ellipseg_ros.comparison.page import page
 from ellipseg_ros.comparison.peers import PEERS
 from ellipseg_ros.comparison.picture import draw
@@ -123,6 +123,16 @@ def test_a_threshold_that_is_turned_gives_what_a_batch_gives(criterion):
     for threshold in (0.5, 8.0, 0.02):
         expected = segment(points, Config(criterion=criterion, threshold=threshold)).labels
         np.testing.assert_array_equal(run({"threshold": threshold}), expected)
+
+
+def test_objects_are_those_of_the_library():
+    points = scan(2000).points
+    found = segment(points)
+    run = prepare_objects(points)
+    own = np.append(found.objects.of_segment, -1)[np.maximum(found.labels, -1)]
+    np.testing.assert_array_equal(run({}), own)
+    assert cells.segments(run({"segments": 5})) == 5
+    assert cells.segments(run({"segments": 10**6})) == len(found.ellipsoids)
 
 
 @pytest.mark.parametrize("method", PEERS, ids=lambda method: method.name)

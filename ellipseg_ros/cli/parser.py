@@ -216,7 +216,8 @@ def _partition(command: argparse.ArgumentParser) -> None:
         "--methods",
         nargs="+",
         metavar="NAME",
-        help="only these, by the beginning of the name: ellipsoids, cut-pursuit, Open3D, HDBSCAN",
+        help="only these, by the beginning of the name: objects, ellipsoids, cut-pursuit, Open3D, "
+        "HDBSCAN",
     )
     command.add_argument(
         "--counts",

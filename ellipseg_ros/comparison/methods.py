@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import TypeAlias
 
-from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config
-from ellipseg_ros.data import Array, Sweep
+import numpy as np
+
+from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config, ObjectsConfig
+from ellipseg_ros.data import Array, Segmentation, Sweep
+from ellipseg_ros.errors import EllipsegError
 
 Settings: TypeAlias = dict[str, float | str]  # JSON-ready
 Run: TypeAlias = Callable[[Settings], Array]  # -> (n,) labels, negative: none
@@ -34,6 +37,7 @@ class Method:
     module: str = ""
 
 
+ALONE = ObjectsConfig(enabled=False)  # ellipsoids without a second level
 SEGMENTS = "segments"  # setting of a method without a dial
 DIALS = {
     "shape": Dial("threshold", 0.01, 1e6),
@@ -46,11 +50,12 @@ def prepare_ellipsoids(criterion: str, points: Array) -> Run:
     """Graph and initial ellipsoids once, then a merge for every threshold, equal to a batch."""
     from ellipseg_ros.segmenter import Segmenter  # numba, which a process of a peer does not need
 
-    segmenter = Segmenter()
+    segmenter = Segmenter(Config(objects=ALONE))
     waiting = [points]
 
     def run(settings: Settings) -> Array:
-        segmenter.configure(Config(criterion, float(settings["threshold"])))
+        config = Config(criterion, float(settings["threshold"]), objects=ALONE)
+        segmenter.configure(config)
         new = waiting.pop() if waiting else points[:0]
         return segmenter.process(Sweep(stamp_ns=0, points=new)).labels
 
@@ -67,4 +72,26 @@ def ellipsoids(criterion: str) -> Method:
     )
 
 
-OURS = tuple(map(ellipsoids, CRITERIA))
+def prepare_objects(points: Array) -> Run:
+    """Objects of the default segments; their hierarchy gives every number of them."""
+    from ellipseg_ros.segmenter import segment  # numba, as above
+
+    @cache
+    def found() -> Segmentation:
+        return segment(points, Config())
+
+    def run(settings: Settings) -> Array:
+        objects = found().objects
+        if objects is None:
+            raise EllipsegError("the default settings give no objects; enable them")
+        of_segment = objects.of_segment
+        if SEGMENTS in settings:
+            merges = objects.hierarchy.merges_for(int(settings[SEGMENTS]))
+            of_segment = objects.hierarchy.after(merges)
+        return np.append(of_segment, -1)[np.maximum(found().labels, -1)]
+
+    return run
+
+
+OBJECTS = Method("objects", prepare_objects, grid=({},), dial=None)
+OURS = (*map(ellipsoids, CRITERIA), OBJECTS)

@@ -5,9 +5,9 @@ from typing import Any
 
 from ellipseg_ros.comparison.cells import OWN, Cell
 from ellipseg_ros.comparison.means import cell_at, kinds
+from ellipseg_ros.comparison.methods import OBJECTS
 from ellipseg_ros.comparison.peers import CUT_PURSUIT
 
-OBJECTS = "objects"
 AT = (OWN, 250, 1000)  # of cut-pursuit
 BETTER = (0.03, 0.05)  # mean IoU above cut-pursuit's: must, aim
 TIME = (0.2, 0.1)  # share of cut-pursuit's; of the cores: a busy machine spoils the clock's
@@ -40,7 +40,7 @@ def pairs(scans: list[Results], wanted: int | str) -> dict[str, tuple[Cell, Cell
     found = {}
     for scan in scans:
         theirs = cell_at(scan, CUT_PURSUIT.name, wanted)
-        ours = cell_at(scan, OBJECTS, theirs["count"]) if theirs else None
+        ours = cell_at(scan, OBJECTS.name, theirs["count"]) if theirs else None
         if theirs and ours:
             found[scan["name"]] = (ours, theirs)
     return found
