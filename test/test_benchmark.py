@@ -11,11 +11,11 @@ from ellipseg_ros.benchmark import peers, rows, stages, streams
 from ellipseg_ros.benchmark.page import page
 from ellipseg_ros.benchmark.picture import draw
 from ellipseg_ros.benchmark.sections import SECTIONS, compile_kernels, measure
-from ellipseg_ros.benchmark.timing import in_turn, ratio, spread
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.cli.parser import build_parser
 from ellipseg_ros.measuring import packages
 from ellipseg_ros.measuring.markdown import table
+from ellipseg_ros.measuring.timing import in_turn, ratio, spread
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
 

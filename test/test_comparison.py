@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import partitions
@@ -167,7 +168,7 @@ def test_memory_is_that_of_the_run():
 
 
 def test_a_process_of_its_own_gives_the_same():
-    outcome = apart.run_apart(STRIPS, scan(), ["own", 8], 60.0)
+    outcome = apart.run_apart(partial(cells.cells, STRIPS, scan(), ["own", 8]), (STRIPS,), 60.0)
     assert not outcome.problem and not outcome.missing
     here = list(cells.cells(STRIPS, scan(), ["own", 8]))
     for there, cell in zip(outcome.cells, here, strict=True):
@@ -184,23 +185,24 @@ def test_a_process_of_its_own_gives_the_same():
     ],
 )
 def test_what_stops_a_method_is_said(prepare, limit, words):
-    outcome = apart.run_apart(replace(STRIPS, prepare=prepare), scan(), ["own"], limit)
+    method = replace(STRIPS, prepare=prepare)
+    outcome = apart.run_apart(partial(cells.cells, method, scan(), ["own"]), (method,), limit)
     assert (outcome.cells, outcome.problem) == ([], words)
 
 
 def test_a_method_that_is_not_installed_is_named():
-    outcome = apart.run_apart(ABSENT, scan(), ["own"], 60.0)
+    outcome = apart.run_apart(partial(cells.cells, ABSENT, scan(), ["own"]), (ABSENT,), 60.0)
     assert outcome.missing == "not installed; pip install no-such-package"
 
 
 # --- all of them -----------------------------------------------------------------------------
 
 
-def here(method, scan, wanted, limit):
+def here(work, methods, limit):
     """As run_apart, without another process."""
-    if method.package:
+    if any(method.package for method in methods):
         return apart.Outcome(missing="not installed; pip install no-such-package")
-    return apart.Outcome(list(cells.cells(method, scan, wanted)))
+    return apart.Outcome(list(work()))
 
 
 PLAN = study.Plan((4, 25), 60.0)
@@ -210,6 +212,7 @@ PLAN = study.Plan((4, 25), 60.0)
 def results():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "run_apart", here)
+        patch.setattr(study, "METHODS", (THEIRS, ABSENT, OURS))
         return study.study([scan(), scan(name="again")], (THEIRS, ABSENT, OURS), PLAN)
 
 
@@ -229,6 +232,8 @@ def test_a_study_has_all_clouds_and_methods(results):
 def test_objects_are_judged_at_the_counts_of_cut_pursuit(results):
     judged = rows(results)
     assert len(judged) == 3
+    assert [race["wanted"] for race in results["scans"][0]["races"]] == ["own"]
+    assert judged[2]["value"] > 0.0
     assert judged[0]["title"] == "scans of 2 with a higher mean IoU, at its own count"
     assert judged[0]["value"] == 0  # strips are strips
     assert judged[1]["value"] == pytest.approx(0.0, abs=0.1)
@@ -265,6 +270,7 @@ def test_means_are_over_clouds_that_all_came_to():
 
 def test_what_is_not_measured_again_stays(results, monkeypatch):
     monkeypatch.setattr(study, "run_apart", here)
+    monkeypatch.setattr(study, "METHODS", (THEIRS, ABSENT, OURS))
     again = study.study([scan()], (OURS,), study.Plan(PLAN.counts, 60.0, results))
     assert [row["name"] for row in again["scans"]] == ["made", "again"]
     methods = [cell["method"] for cell in again["scans"][0]["cells"]]

@@ -6,10 +6,10 @@ from typing import Any
 
 from ellipseg_ros.benchmark import peers
 from ellipseg_ros.benchmark.streams import SCENE, Sizes, window_points
-from ellipseg_ros.benchmark.timing import in_turn, milliseconds, ratio
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.data import Array
 from ellipseg_ros.measuring.packages import load, version_of
+from ellipseg_ros.measuring.timing import in_turn, milliseconds, ratio
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.simulator import simulate
 

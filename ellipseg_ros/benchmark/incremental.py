@@ -20,11 +20,11 @@ from ellipseg_ros.benchmark.streams import (
     thinned,
     window_points,
 )
-from ellipseg_ros.benchmark.timing import in_turn, milliseconds, ratio, timed
 from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config
 from ellipseg_ros.data import ISOLATED, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import open_source
+from ellipseg_ros.measuring.timing import in_turn, milliseconds, ratio, timed
 from ellipseg_ros.segmenter import Segmenter, segment
 from ellipseg_ros.simulator import SWEEPS_PER_SECOND, simulate
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from ellipseg_ros.benchmark.listening import Listening
 from ellipseg_ros.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
-from ellipseg_ros.benchmark.timing import milliseconds, spread, timed
 from ellipseg_ros.cli.node_process import NodeProcess
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import SECOND, Segmentation, State, Sweep
@@ -24,6 +23,7 @@ from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.messages import Markers, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.io.sources import open_source
+from ellipseg_ros.measuring.timing import milliseconds, spread, timed
 from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.probe import Probe
 from ellipseg_ros.ros.replayer import Replayer

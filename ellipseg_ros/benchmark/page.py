@@ -3,7 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from ellipseg_ros.measuring.markdown import Cells, machine_line, not_measured, number, table
+from ellipseg_ros.measuring.markdown import (
+    Cells,
+    between,
+    machine_line,
+    not_measured,
+    number,
+    table,
+)
 
 Results = dict[str, Any]
 
@@ -37,15 +44,6 @@ def blocks(results: Results) -> list[str]:
     written = [write(sections[name]) for name, write in WRITERS.items() if name in sections]
     quick = [QUICK] if results["quick"] else []
     return [machine_line(results["machine"]), *quick, _promises(results["rows"]), *written]
-
-
-def between(value: dict[str, Any] | None) -> str:
-    """Median and quartiles."""
-    if value is None:
-        return "-"
-    if value["runs"] == 1:
-        return number(value["median"])
-    return f"{number(value['median'])} ({number(value['low'])} to {number(value['high'])})"
 
 
 def _promises(rows: list[Results]) -> str:

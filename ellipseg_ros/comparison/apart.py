@@ -2,13 +2,16 @@
 
 import multiprocessing
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from typing import TypeAlias
 
-from ellipseg_ros.comparison.cells import Cell, cells
+from ellipseg_ros.comparison.cells import Cell
 from ellipseg_ros.comparison.methods import Method
-from ellipseg_ros.comparison.scan import Scan
 from ellipseg_ros.measuring.packages import load
+
+Work: TypeAlias = Callable[[], Iterator[Cell]]  # can be pickled
 
 
 @dataclass
@@ -20,12 +23,12 @@ class Outcome:
     problem: str = ""  # what stopped it
 
 
-def run_apart(method: Method, scan: Scan, wanted: list[int | str], limit: float) -> Outcome:
-    """The cells of a method, as many as it makes in `limit` s."""
+def run_apart(work: Work, methods: tuple[Method, ...], limit: float) -> Outcome:
+    """The cells that `work` makes with `methods`, as many as come in `limit` s."""
     outcome = Outcome()
     context = multiprocessing.get_context("spawn")  # a fork would begin with our memory
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_serve, args=(theirs, method, scan, wanted), daemon=True)
+    process = context.Process(target=_serve, args=(theirs, work, methods), daemon=True)
     process.start()
     theirs.close()
     end = time.monotonic() + limit
@@ -67,15 +70,16 @@ def _listen(ours: Connection, outcome: Outcome, end: float, limit: float) -> Non
             return
 
 
-def _serve(theirs: Connection, method: Method, scan: Scan, wanted: list[int | str]) -> None:
+def _serve(theirs: Connection, work: Work, methods: tuple[Method, ...]) -> None:
     """In the other process: send (kind, what) until done."""
-    for package, module in zip(method.package.split(), method.module.split(), strict=True):
-        why = load(package, module)[1]
-        if why:
-            theirs.send(("missing", why))
-            return
+    for method in methods:
+        for package, module in zip(method.package.split(), method.module.split(), strict=True):
+            why = load(package, module)[1]
+            if why:
+                theirs.send(("missing", why))
+                return
     try:
-        for cell in cells(method, scan, wanted):
+        for cell in work():
             theirs.send(("cell", cell))
     except Exception as error:  # whatever a library of others raises is said, not lost
         theirs.send(("problem", f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"))

@@ -34,6 +34,19 @@ def cell_at(scan: Results, method: str, wanted: int | str) -> Cell | None:
     return None
 
 
+def pairs(
+    scans: list[Results], ours: str, theirs: str, wanted: int | str
+) -> dict[str, tuple[Cell, Cell]]:
+    """By cloud: two methods, at the number to which the second one came."""
+    found = {}
+    for scan in scans:
+        mark = cell_at(scan, theirs, wanted)
+        beside = cell_at(scan, ours, mark["count"]) if mark else None
+        if mark and beside:
+            found[scan["name"]] = (beside, mark)
+    return found
+
+
 def means(scans: list[Results], methods: list[str], wanted: int | str) -> list[Cell]:
     """The mean of every measure, a row a method, all over the same clouds; `scans`: how many.
 

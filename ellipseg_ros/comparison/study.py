@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from ellipseg_ros.comparison.apart import Outcome, run_apart
-from ellipseg_ros.comparison.cells import OWN, Cell
-from ellipseg_ros.comparison.methods import OURS, Method
+from ellipseg_ros.comparison.cells import OWN, Cell, cells
+from ellipseg_ros.comparison.methods import OBJECTS, OURS, Method
 from ellipseg_ros.comparison.peers import CUT_PURSUIT, PEERS
-from ellipseg_ros.comparison.promises import rows
+from ellipseg_ros.comparison.promises import AT, rows
+from ellipseg_ros.comparison.race import heats, race
 from ellipseg_ros.comparison.scan import Scan
 from ellipseg_ros.data import Array
 from ellipseg_ros.errors import EllipsegError
@@ -17,6 +19,7 @@ from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.measuring.packages import version_of
 from ellipseg_ros.simulation.shapes import Class
 
+RIVALS = (OBJECTS.name, CUT_PURSUIT.name)
 METHODS = (*PEERS, *OURS)  # those without a dial last: they meet the counts of the others
 Results = dict[str, Any]  # JSON-ready
 
@@ -56,7 +59,9 @@ def study(
         for method in (method for method in methods if method.name not in missing):
             begin(f"{scan.name}: {method.name}")
             counts = wanted(method, plan.counts, row["cells"])
-            take(run_apart(method, scan, counts, plan.limit), method, row, missing)
+            work = partial(cells, method, scan, counts)
+            take(run_apart(work, (method,), plan.limit), method, row, missing)
+        run_races(scan, methods, row, plan, begin)
         rows_of[scan.name] = row
     results: Results = {"machine": describe(), "counts": list(plan.counts)}
     results["methods"] = known(plan.earlier, methods)
@@ -65,6 +70,24 @@ def study(
     results["missing"] = {n: w for n, w in earlier.items() if n not in ours} | missing
     results["scans"] = list(rows_of.values())
     return results | {"rows": rows(results)}
+
+
+def run_races(
+    scan: Scan,
+    methods: tuple[Method, ...],
+    row: Results,
+    plan: Plan,
+    begin: Callable[[str], object],
+) -> None:
+    """Time objects and cut-pursuit in turn, if one of them is new and both are there."""
+    rounds = heats(row, AT)
+    if not rounds or not {method.name for method in methods} & set(RIVALS):
+        return
+    begin(f"{scan.name}: {' and '.join(RIVALS)} in turn")
+    named = {method.name: method for method in METHODS}
+    ours, theirs = named[RIVALS[0]], named[RIVALS[1]]
+    work = partial(race, ours, theirs, scan.points, rounds)
+    row["races"] = run_apart(work, (ours, theirs), plan.limit).cells
 
 
 def start(scan: Scan, methods: tuple[Method, ...], earlier: Results | None) -> Results:
@@ -79,6 +102,7 @@ def start(scan: Scan, methods: tuple[Method, ...], earlier: Results | None) -> R
         )
     again = {method.name for method in methods}
     row["cells"] = [cell for cell in earlier["cells"] if cell["method"] not in again]
+    row["races"] = earlier["races"]
     row["problems"] = {m: why for m, why in earlier["problems"].items() if m not in again}
     return row
 
@@ -140,6 +164,7 @@ def facts(scan: Scan) -> Results:
         },
         "instances": None if scan.instances is None else _things(scan.instances),
         "cells": [],
+        "races": [],
         "problems": {},
     }
 

@@ -33,6 +33,15 @@ def number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
+def between(value: dict[str, Any] | None) -> str:
+    """Median and quartiles."""
+    if value is None:
+        return "-"
+    if value["runs"] == 1:
+        return number(value["median"])
+    return f"{number(value['median'])} ({number(value['low'])} to {number(value['high'])})"
+
+
 def machine_line(machine: dict[str, Any]) -> str:
     """What `describe` found, as a sentence."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
