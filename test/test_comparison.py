@@ -319,10 +319,12 @@ def test_the_command_writes_and_adds(evaluate, tmp_path):
     assert evaluate(*words, "--methods", "obj", "--add-to", tmp_path / "quality.json")[0] == 0
     text = (tmp_path / "quality.md").read_text(encoding="utf-8")
     assert "| cut-pursuit" in text and "| objects" in text and "nobody" not in text
+    assert "](quality_industrial.png)" in text
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "quality.json",
         "quality.md",
         "quality.png",
+        "quality_industrial.png",
     ]
 
 

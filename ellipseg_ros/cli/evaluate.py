@@ -8,11 +8,12 @@ from typing import Any
 from ellipseg_ros.cli.report import progress, say
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.page import blocks, page
-from ellipseg_ros.comparison.picture import draw
+from ellipseg_ros.comparison.picture import draw, draw_scene
 from ellipseg_ros.comparison.reading import read_scan
 from ellipseg_ros.comparison.scan import SEARCH, Scan
 from ellipseg_ros.comparison.study import Plan, chosen, study
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.io.sources import SIMULATED
 from ellipseg_ros.measuring.packages import load
 
 NAMES = ("quality.md", "quality.json", "quality.png")
@@ -73,6 +74,12 @@ def earlier(path: str, counts: tuple[int, ...]) -> dict[str, Any]:
 def write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
     """Write page, numbers and picture, over those of an earlier run."""
     folder.mkdir(parents=True, exist_ok=True)
+    for spec in (spec for spec in args.sources if spec.startswith(SIMULATED)):
+        say(f"drawing {spec} ...", args)  # of recorded scans, pictures may not be ours to show
+        source = open_input(spec, args)
+        row = next(row for row in results["scans"] if row["name"] == source.name)
+        row["picture"] = f"quality_{source.name}.png"
+        draw_scene(source, folder / row["picture"])
     text, numbers, picture = (folder / name for name in NAMES)
     text.write_text(page(results), encoding="utf-8")
     numbers.write_text(row_by_row(results), encoding="utf-8")

@@ -62,8 +62,8 @@ INSTANCES = {"ari": "ARI", "precision": "precision", "recall": "recall", "qualit
 
 
 def page(results: Results) -> str:
-    """All of docs/quality.md but the pictures of scenes."""
-    return "\n".join([INTRODUCTION, PICTURE, *blocks(results), DEFINITIONS])
+    """All of docs/quality.md."""
+    return "\n".join([INTRODUCTION, PICTURE, *blocks(results), _pictures(results), DEFINITIONS])
 
 
 def blocks(results: Results) -> list[str]:
@@ -75,6 +75,17 @@ def blocks(results: Results) -> list[str]:
         text.append(_means(heading, scans, results))
     text.append(_clouds(results))
     return [*text, _methods(results)]
+
+
+def _pictures(results: Results) -> str:
+    """Scenes as ellipsoids, as objects, and as they are; none where none was drawn."""
+    drawn = [scan for scan in results["scans"] if scan["picture"]]
+    pictures = [f"![{scan['name']}]({scan['picture']})\n" for scan in drawn]
+    head = (
+        "## Pictures\n\nThe simulated scenes from above: every point in the colour of its segment, "
+        "of its object, and of the thing or class that it truly belongs to.\n"
+    )
+    return "\n".join([head, *pictures]) if pictures else ""
 
 
 def _promises(rows: list[Results]) -> str:

@@ -1,4 +1,4 @@
-"""Quality against the number of segments, as curves: means over the labelled scans.
+"""Quality against the number of segments, as curves; and what segments and objects look like.
 
 matplotlib, for the reasons that plots.py gives.
 """
@@ -11,7 +11,12 @@ from matplotlib.ticker import LogFormatter, NullLocator
 
 from ellipseg_ros.comparison.cells import OWN
 from ellipseg_ros.comparison.means import kinds, means
+from ellipseg_ros.config import Config
+from ellipseg_ros.data import join_sweeps
+from ellipseg_ros.io.sources import Source
 from ellipseg_ros.measuring.charts import legend, save, sheet, style, title
+from ellipseg_ros.plots import INK, draw_levels
+from ellipseg_ros.segmenter import Segmenter
 
 Results = dict[str, Any]
 
@@ -36,6 +41,7 @@ PANELS = {
     "cpu_s": "CPU time (less is better)",
 }
 LOGARITHMIC = "cpu_s"
+LONG = 3600.0  # s: longer than a simulated drive can be
 
 
 def draw(results: Results, path: Path) -> None:
@@ -54,8 +60,14 @@ def draw(results: Results, path: Path) -> None:
     if any(axes.lines for axes in figure.axes):
         legend(figure.axes[0], loc="lower right")
     what = f"{heading}: means over clouds on which the methods shown came to the number"
-    figure.suptitle(f"{what}; hollow: own number", color="#e6edf3", x=0.01, ha="left", size=13)
+    figure.suptitle(f"{what}; hollow: own number", color=INK, x=0.01, ha="left", size=13)
     save(figure, path)
+
+
+def draw_scene(source: Source, path: Path) -> None:
+    """Write a picture of a whole drive: by segment, by object, by truth."""
+    config = Config(window_duration=LONG)
+    draw_levels(Segmenter(config).process(join_sweeps(list(source))), path)
 
 
 def _line(axes: Axes, name: str, measure: str, curves: dict[Any, list[Results]]) -> None:

@@ -102,7 +102,7 @@ def start(scan: Scan, methods: tuple[Method, ...], earlier: Results | None) -> R
         )
     again = {method.name for method in methods}
     row["cells"] = [cell for cell in earlier["cells"] if cell["method"] not in again]
-    row["races"] = earlier["races"]
+    row["races"], row["picture"] = earlier["races"], earlier["picture"]
     row["problems"] = {m: why for m, why in earlier["problems"].items() if m not in again}
     return row
 
@@ -163,6 +163,7 @@ def facts(scan: Scan) -> Results:
             if (scan.classes == number).any()
         },
         "instances": None if scan.instances is None else _things(scan.instances),
+        "picture": "",
         "cells": [],
         "races": [],
         "problems": {},
