@@ -82,8 +82,8 @@ def _pictures(results: Results) -> str:
     drawn = [scan for scan in results["scans"] if scan["picture"]]
     pictures = [f"![{scan['name']}]({scan['picture']})\n" for scan in drawn]
     head = (
-        "## Pictures\n\nThe simulated scenes from above: every point in the colour of its segment, "
-        "of its object, and of the thing or class that it truly belongs to.\n"
+        "## Pictures\n\nThe simulated scenes from above: every point in the colour of its "
+        "segment, of its object, and of the thing or class that it truly belongs to.\n"
     )
     return "\n".join([head, *pictures]) if pictures else ""
 
