@@ -1,17 +1,14 @@
-"""Charts of numbers, in the style of the pictures: dark, labelled, with colours for every eye."""
+"""Charts of a tuning: AICc, its terms and its loss, over the threshold."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ellipseg_ros.data import Array
-from ellipseg_ros.plots import BACKGROUND, FAINT, INK
+from ellipseg_ros.measuring.charts import legend, save, sheet, style, title
+from ellipseg_ros.plots import BACKGROUND, INK
 from ellipseg_ros.tuning.choice import Choice
 from ellipseg_ros.tuning.curve import Curve
 
@@ -21,46 +18,12 @@ UNITS = {"shape": "", "density": " [m]", "parsimony": ""}
 SHOWN_LOSS = 0.5  # the top of the axis; singletons have 1
 
 
-def style(axes: Axes) -> None:
-    """Dark ground, light ink, faint grid, two spines."""
-    axes.set_facecolor(BACKGROUND)
-    axes.tick_params(colors=INK, which="both", labelsize=10)
-    axes.grid(True, color=FAINT, alpha=0.2)
-    axes.set_axisbelow(True)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(FAINT)
-
-
-def title(axes: Axes, text: str, below: str = "", left: str = "") -> None:
-    """What is shown, and over what."""
-    axes.set_title(text, color=INK, loc="left", fontsize=13, pad=12)
-    axes.set_xlabel(below, color=INK, fontsize=10)
-    axes.set_ylabel(left, color=INK, fontsize=10)
-
-
-def legend(axes: Axes, **options: Any) -> None:
-    """The names of what has one."""
-    axes.legend(facecolor=BACKGROUND, edgecolor=FAINT, labelcolor=INK, fontsize=9, **options)
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as its suffix says; the same figure gives the same bytes."""
-    no_date = {"Date": None} if path.suffix == ".svg" else None
-    with matplotlib.rc_context({"svg.hashsalt": "ellipseg", "svg.fonttype": "none"}):
-        figure.savefig(path, dpi=100, facecolor=BACKGROUND, metadata=no_date)
-
-
 def draw_tuning(curves: Sequence[Curve], choice: Choice, paths: Sequence[Path]) -> None:
     """Three panels: the AICc with its terms, the AICc over merge completion, the loss.
 
     curves: of the windows (at least one), all of one criterion. paths: of the same figure.
     """
-    figure = Figure(
-        figsize=(19.0, 5.8),
-        facecolor=BACKGROUND,
-        layout=ConstrainedLayoutEngine(w_pad=0.2, h_pad=0.15),
-    )
+    figure = sheet(19.0, 5.8)
     panels = figure.subplots(1, 3)
     for axes in panels:
         style(axes)

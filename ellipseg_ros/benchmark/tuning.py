@@ -6,9 +6,9 @@ from typing import Any
 
 from ellipseg_ros.benchmark.batch import batch_points
 from ellipseg_ros.benchmark.streams import Sizes
-from ellipseg_ros.benchmark.timing import in_turn, milliseconds, ratio
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.data import Array
+from ellipseg_ros.measuring.timing import in_turn, milliseconds, ratio
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.tuning.search import Search, curve
 

@@ -6,6 +6,7 @@ matplotlib, for the reasons that plots.py gives.
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -23,8 +24,10 @@ def sheet(wide: float, tall: float) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write the PNG."""
-    figure.savefig(path, dpi=100, facecolor=BACKGROUND)
+    """Write a figure as its suffix says; the same figure gives the same bytes."""
+    no_date = {"Date": None} if path.suffix == ".svg" else None
+    with matplotlib.rc_context({"svg.hashsalt": "ellipseg", "svg.fonttype": "none"}):
+        figure.savefig(path, dpi=100, facecolor=BACKGROUND, metadata=no_date)
 
 
 def style(axes: Axes) -> None:
