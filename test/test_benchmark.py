@@ -14,7 +14,7 @@ from ellipseg_ros.benchmark.sections import SECTIONS, compile_kernels, measure
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.cli.parser import build_parser
 from ellipseg_ros.measuring import packages
-from ellipseg_ros.measuring.markdown import table
+from ellipseg_ros.measuring.markdown import machine_line, table
 from ellipseg_ros.measuring.timing import in_turn, ratio, spread
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
@@ -134,6 +134,14 @@ def test_the_page_has_a_table_for_every_section(results):
     text = page(results)
     assert check_tables(text) == 1 + len(OFFLINE)
     assert "Measured with `--quick`" in text
+
+
+@pytest.mark.parametrize(("load", "busy"), [(0.5, False), (2.0, False), (2.1, True)])
+def test_a_busy_machine_is_said_to_be(load, busy):
+    versions = {"numba": "1"}
+    machine = {"cpu": "x", "cores": 2, "memory_gb": 8.0, "system": "Linux", "python": "3"}
+    line = machine_line(machine | {"versions": versions, "load_before": load})
+    assert ("The machine was busy" in line) is busy
 
 
 def test_a_table_keeps_words_to_the_left():

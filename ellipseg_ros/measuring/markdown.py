@@ -6,6 +6,11 @@ from typing import Any
 Cells = list[str]
 NUMBER = re.compile(r"([≤≥] )?-?\d[\d.,%]*( m?s| MB| \(.*| clouds)?$|-?$")  # or nothing
 
+BUSY = (
+    " **The machine was busy**: times by the clock are too long, and those of the cores somewhat; "
+    "ratios of times taken in turn suffer least."
+)
+
 
 def table(head: Cells, rows: list[Cells]) -> str:
     """A Markdown table, its columns aligned: numbers to the right."""
@@ -45,10 +50,11 @@ def between(value: dict[str, Any] | None) -> str:
 def machine_line(machine: dict[str, Any]) -> str:
     """What `describe` found, as a sentence."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
+    busy = BUSY if machine["load_before"] > machine["cores"] else ""
     return (
         f"Machine: {machine['cpu']}, {machine['cores']} cores, {machine['memory_gb']:g} GB; "
         f"{machine['system']}, Python {machine['python']}, {versions}. "
-        f"Load average before: {machine['load_before']:g}.\n"
+        f"Load average before: {machine['load_before']:g}.{busy}\n"
     )
 
 
