@@ -25,21 +25,16 @@ def rows(results: Results) -> list[Row]:
             continue
         where = "its own count" if wanted == OWN else f"{wanted:,} segments"
         gains = [ours["mean_iou"] - theirs["mean_iou"] for ours, theirs in found.values()]
-        times = [race["ratio"]["median"] for race in races(scans, wanted)]
         above, count = sum(gain > 0.0 for gain in gains), len(gains)
         table += [
             row(f"scans of {count} with a higher mean IoU, at {where}", above, count - 1, count),
             row(f"mean IoU higher by, mean, at {where}", mean(gains), *BETTER),
         ]
-        if times:
-            title = f"time / cut-pursuit's, median, at {where}"
-            table.append(row(title, median(times), *TIME))
+    times = [race["ratio"]["median"] for scan in scans for race in scan["races"]]
+    if times:
+        title = "time / cut-pursuit's, in turn, median, at its own count"
+        table.append(row(title, median(times), *TIME))
     return table
-
-
-def races(scans: list[Results], wanted: int | str) -> list[Cell]:
-    """The times of both in turn, at a number to which cut-pursuit came, of every cloud."""
-    return [race for scan in scans for race in scan["races"] if race["wanted"] == wanted]
 
 
 def row(title: str, value: float, must: float, aim: float) -> Row:

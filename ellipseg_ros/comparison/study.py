@@ -9,8 +9,8 @@ from ellipseg_ros.comparison.apart import Outcome, run_apart
 from ellipseg_ros.comparison.cells import OWN, Cell, cells
 from ellipseg_ros.comparison.methods import OBJECTS, OURS, Method
 from ellipseg_ros.comparison.peers import CUT_PURSUIT, PEERS
-from ellipseg_ros.comparison.promises import AT, rows
-from ellipseg_ros.comparison.race import heats, race
+from ellipseg_ros.comparison.promises import rows
+from ellipseg_ros.comparison.race import race, rivals
 from ellipseg_ros.comparison.scan import Scan
 from ellipseg_ros.data import Array
 from ellipseg_ros.errors import EllipsegError
@@ -61,7 +61,7 @@ def study(
             counts = wanted(method, plan.counts, row["cells"])
             work = partial(cells, method, scan, counts)
             take(run_apart(work, (method,), plan.limit), method, row, missing)
-        run_races(scan, methods, row, plan, begin)
+        run_race(scan, methods, row, plan, begin)
         rows_of[scan.name] = row
     results: Results = {"machine": describe(), "counts": list(plan.counts)}
     results["methods"] = known(plan.earlier, methods)
@@ -72,7 +72,7 @@ def study(
     return results | {"rows": rows(results)}
 
 
-def run_races(
+def run_race(
     scan: Scan,
     methods: tuple[Method, ...],
     row: Results,
@@ -80,13 +80,13 @@ def run_races(
     begin: Callable[[str], object],
 ) -> None:
     """Time objects and cut-pursuit in turn, if one of them is new and both are there."""
-    rounds = heats(row, AT)
-    if not rounds or not {method.name for method in methods} & set(RIVALS):
+    settings = rivals(row)
+    if settings is None or not {method.name for method in methods} & set(RIVALS):
         return
     begin(f"{scan.name}: {' and '.join(RIVALS)} in turn")
     named = {method.name: method for method in METHODS}
     ours, theirs = named[RIVALS[0]], named[RIVALS[1]]
-    work = partial(race, ours, theirs, scan.points, rounds)
+    work = partial(race, scan.points, (ours, settings[0]), (theirs, settings[1]))
     row["races"] = run_apart(work, (ours, theirs), plan.limit).cells
 
 
