@@ -3,7 +3,7 @@
 from statistics import mean, median
 from typing import Any
 
-from ellipseg_ros.comparison.cells import OWN, Cell
+from ellipseg_ros.comparison.cells import OWN
 from ellipseg_ros.comparison.means import kinds, pairs
 from ellipseg_ros.comparison.methods import OBJECTS
 from ellipseg_ros.comparison.peers import CUT_PURSUIT
