@@ -1,12 +1,13 @@
 """Sections about one cloud: batch, peers."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from ellipseg_ros.benchmark import peers
-from ellipseg_ros.benchmark.streams import SCENE, Sizes, window_points
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.benchmark.streams import SCENE, SEGMENTS_ALONE, Sizes, window_points
+from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.data import Array
 from ellipseg_ros.measuring.packages import load, version_of
 from ellipseg_ros.measuring.timing import in_turn, milliseconds, ratio
@@ -20,7 +21,10 @@ Section = dict[str, Any]
 def batch(sizes: Sizes) -> Section:
     """`segment()` against the neighbour search of small_gicp, for every criterion."""
     points = batch_points(sizes)
-    calls = {name: partial(segment, points, Config(criterion=name)) for name in CRITERIA}
+    calls = {
+        name: partial(segment, points, replace(SEGMENTS_ALONE, criterion=name))
+        for name in CRITERIA
+    }
     times = in_turn(calls | knn(points), sizes.runs)
     cases = [batch_case(name, points, times) for name in CRITERIA]
     result: Section = {"points": len(points), "cases": cases}
@@ -37,7 +41,7 @@ def knn(points: Array) -> dict[str, Callable[[], Any]]:
 
 def batch_case(criterion: str, points: Array, times: dict[str, list[float]]) -> Section:
     """The times of a criterion, beside those of the search."""
-    found = segment(points, Config(criterion=criterion))
+    found = segment(points, replace(SEGMENTS_ALONE, criterion=criterion))
     case: Section = {
         "criterion": criterion,
         "threshold": found.threshold,
@@ -52,7 +56,7 @@ def batch_case(criterion: str, points: Array, times: dict[str, list[float]]) -> 
 def peer_times(sizes: Sizes) -> Section:
     """Everything that others do with the same points, and what one batch takes beside it."""
     points = batch_points(sizes)
-    calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, Config())}
+    calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, SEGMENTS_ALONE)}
     missing = {}
     for peer in peers.PEERS:
         module, why = load(peer.package, peer.module)

@@ -12,6 +12,7 @@ from ellipseg_ros.benchmark.batch import Section, batch_case, batch_points, knn
 from ellipseg_ros.benchmark.streams import (
     RATE,
     SCENE,
+    SEGMENTS_ALONE,
     SETTLE,
     Sizes,
     dense,
@@ -72,7 +73,12 @@ def updates(sizes: Sizes) -> Section:
         best = _best_threshold(points, criterion, sizes)
         coarse = [("coarse", threshold) for threshold in COARSE[criterion]]
         for kind, threshold in (("AICc-best", best), *coarse):
-            config = Config(criterion, threshold, window_duration=sizes.window)
+            config = replace(
+                SEGMENTS_ALONE,
+                criterion=criterion,
+                threshold=threshold,
+                window_duration=sizes.window,
+            )
             head = {"criterion": criterion, "kind": kind, "threshold": threshold}
             cases += _cases(head, config, _drive(sizes), sizes)
     return {"window_s": sizes.window, "cases": cases}
@@ -81,7 +87,14 @@ def updates(sizes: Sizes) -> Section:
 def _best_threshold(points: Array, criterion: str, sizes: Sizes) -> float:
     """The one of least AICc among a few about the default."""
     found = [
-        segment(points, Config(criterion, DEFAULT_THRESHOLDS[criterion] * factor))
+        segment(
+            points,
+            replace(
+                SEGMENTS_ALONE,
+                criterion=criterion,
+                threshold=DEFAULT_THRESHOLDS[criterion] * factor,
+            ),
+        )
         for factor in sizes.factors
     ]
     return float(min(found, key=lambda one: one.aicc).threshold)
@@ -137,7 +150,7 @@ def in_one_go(found: Segmentation | None, config: Config) -> Callable[[], Segmen
 
 def stage_times(sizes: Sizes) -> Section:
     """Time of every stage: in one go, and of updates of 1 s and of 0.1 s."""
-    segmenter = Segmenter(Config(window_duration=sizes.window))
+    segmenter = Segmenter(Config(window_duration=sizes.window))  # with objects
     drive = _drive(sizes)
     _fill([segmenter], drive, sizes.fill, sizes.window)
     found = segmenter.process(next(steps(drive, LONG, 1)))
@@ -175,7 +188,10 @@ def _watch(calls: Iterable[Callable[[], Segmentation]]) -> dict[str, list[float]
 def lengths(sizes: Sizes) -> Section:
     """Windows of several lengths on one drive, in turn at every step."""
     sizes = _half(sizes)
-    segmenters = {seconds: Segmenter(Config(window_duration=seconds)) for seconds in sizes.lengths}
+    segmenters = {
+        seconds: Segmenter(replace(SEGMENTS_ALONE, window_duration=seconds))
+        for seconds in sizes.lengths
+    }
     longest = max(sizes.lengths)
     drive = iter(simulate(SCENE, duration=longest + sizes.measured + 2.0))
     for number, sweep in enumerate(steps(drive, LONG, round(longest) + 1)):
@@ -215,7 +231,7 @@ def _length_cases(
 def densities(sizes: Sizes) -> Section:
     """The same drive with more and more points a second, in a window of one length."""
     few = replace(_half(sizes), window=sizes.density_window)
-    config = Config(window_duration=few.window)
+    config = replace(SEGMENTS_ALONE, window_duration=few.window)
     cases = []
     for rate in sizes.densities:
         drive = dense(rate, few.window + few.measured + 2.0)
@@ -238,9 +254,11 @@ def real(spec: str, sizes: Sizes) -> Section:
     few = replace(sizes, window=min(sizes.window, half), seconds=seconds, tenths=tenths)
     share = RATE / points_per_second(source)
     drive = thinned(source, share)
-    cases = _cases({"criterion": "shape"}, Config(window_duration=few.window), drive, few)
+    cases = _cases(
+        {"criterion": "shape"}, replace(SEGMENTS_ALONE, window_duration=few.window), drive, few
+    )
     points = window_points(thinned(source, share), few.window)
-    calls = {"shape": partial(segment, points, Config())} | knn(points)
+    calls = {"shape": partial(segment, points, SEGMENTS_ALONE)} | knn(points)
     times = in_turn(calls, few.runs)
     return {
         "source": source.name,

@@ -27,6 +27,7 @@ STAGES: list[tuple[str, Any, str]] = [  # stage, owner of the call, its name the
     ("merge", Merge, "update"),
     ("renumbering", Segmenter, "_make_room"),
     ("ids", Tracker, "assign"),
+    ("objects", Segmenter, "_objects"),
     ("result", Segmenter, "_result"),
     (OTHER, Segmenter, "process"),
 ]

@@ -1,12 +1,13 @@
 """Section about tuning: a whole curve beside one batch."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from ellipseg_ros.benchmark.batch import batch_points
-from ellipseg_ros.benchmark.streams import Sizes
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.benchmark.streams import SEGMENTS_ALONE, Sizes
+from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.data import Array
 from ellipseg_ros.measuring.timing import in_turn, milliseconds, ratio
 from ellipseg_ros.segmenter import segment
@@ -22,7 +23,7 @@ def curves(sizes: Sizes) -> Section:
 
 
 def _case(criterion: str, points: Array, sizes: Sizes) -> Section:
-    config, thresholds = Config(criterion=criterion), Search().grid(criterion)
+    config, thresholds = replace(SEGMENTS_ALONE, criterion=criterion), Search().grid(criterion)
     calls: dict[str, Callable[[], Any]] = {
         "batch": partial(segment, points, config),
         "curve": partial(curve, points, config, thresholds),
