@@ -49,9 +49,7 @@ def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
         axes.plot(thresholds, total / points, color=colour, linewidth=2, label=label)
         if name == "aicc":
             row = int(np.argmin(np.abs(thresholds - choice.threshold)))
-            _mark(
-                axes, choice.threshold, float(total[row]) / points, f"τ = {choice.threshold:.3g}"
-            )
+            mark(axes, choice.threshold, float(total[row]) / points, f"τ = {choice.threshold:.3g}")
     axes.set_xscale("log")
     over = "one window" if len(curves) == 1 else f"{len(curves)} windows together"
     title(axes, f"AICc, criterion {choice.criterion}, {over}", _tau(choice), "AICc per point")
@@ -68,7 +66,7 @@ def completion(axes: Axes, curves: Sequence[Curve]) -> None:
     if len(curves) == 1:
         count = curves[0].count[curves[0].best]
         text = f"{count:,} ellipsoids\n{best[0, 0]:.1%} merged"
-        _mark(axes, 100.0 * best[0, 0], best[0, 1], text, (-100.0, 6.0))
+        mark(axes, 100.0 * best[0, 0], best[0, 1], text, (-100.0, 6.0))
     text = "AICc over merge completion"
     title(axes, text, "merge completion: merges per point [%]", "AICc per point")
     legend(axes)
@@ -90,7 +88,7 @@ def losses(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
         choice.present, color=PURPLE, linestyle="--", label=f"set now: {choice.present:g}"
     )
     axes.axhline(0.05, color=GREEN, linestyle=":", label="loss 0.05")
-    _mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
+    mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
     axes.set_xscale("log")
     near = thresholds[mean <= SHOWN_LOSS]
     axes.set_xlim(near[0] / 1.5, near[-1] * 1.5)
@@ -114,7 +112,7 @@ def _over_log(curve: Curve, values: Array) -> tuple[Array, Array]:
     return np.log(curve.threshold[rows]), values[rows]
 
 
-def _mark(
+def mark(
     axes: Axes, x: float, y: float, text: str, offset: tuple[float, float] = (0.0, 34.0)
 ) -> None:
     """A dot with a name beside it (offset, points), in a box that hides the lines behind."""

@@ -22,6 +22,7 @@ ONLY_IN = {
         "benchmark/picture.py",
         "comparison/picture.py",
         "measuring/charts.py",
+        "paper/figures.py",
     ],
     "rclpy": ["ros/"],
     "rosbags": ["io/bag.py"],

@@ -1,6 +1,6 @@
 """All commands and their options. Imports nothing heavy, so that `ellipseg --help` is instant.
 
-argparse (standard library): seven commands with plain options need no more.
+argparse (standard library): eight commands with plain options need no more.
 """
 
 import argparse
@@ -47,6 +47,10 @@ REPLAY = """examples:
   ellipseg replay sim:industrial --loop
   ellipseg replay drive.mcap --rate 0 --ahead 2     as fast as the node segments, losing nothing"""
 
+PAPER = """examples:
+  ellipseg paper -o paper
+  ellipseg paper monday.mcap tuesday.mcap --set max_points_per_second=15000 -o paper"""
+
 DEMO = """examples:
   ellipseg demo
   ellipseg demo --data drive.mcap --topic /velodyne/registered -o drive_demo"""
@@ -88,6 +92,7 @@ def build_parser() -> argparse.ArgumentParser:
         _command(commands, "segment", "segment a bag, a cloud or a scene, without ROS", SEGMENT)
     )
     _tune(_command(commands, "tune", "find the threshold of least AICc for recordings", TUNE))
+    _paper(_command(commands, "paper", "draw the paper's figures, tell which claims hold", PAPER))
     _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
     _bench(_command(commands, "bench", "measure speed, latency and memory, beside others", BENCH))
@@ -154,6 +159,20 @@ def _tune(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster, which then does the work"
     )
+    command.add_argument("--no-pictures", action="store_true", help="write no pictures")
+    _talk(command)
+
+
+def _paper(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "sources", nargs="*", metavar="SOURCE", help=f"beside the simulated scenes: {SOURCES}"
+    )
+    command.add_argument("-o", "--output", default="paper", metavar="DIR", help="results (paper)")
+    command.add_argument("--topic", default="", help="of the clouds, if a bag has several")
+    _scene_options(command)
+    _parameters(command)
+    command.set_defaults(criterion=None, threshold=None)  # all criteria, each at its own
+    command.add_argument("--count", type=int, help="thresholds of the grid (40), then refined")
     command.add_argument("--no-pictures", action="store_true", help="write no pictures")
     _talk(command)
 
@@ -246,6 +265,14 @@ def _scene_options(command: argparse.ArgumentParser) -> None:
 
 
 def _settings(command: argparse.ArgumentParser, criteria: Sequence[str] = CRITERIA) -> None:
+    group = _parameters(command)
+    group.add_argument("--criterion", choices=criteria, help="what decides about a merge")
+    group.add_argument(
+        "--threshold", metavar="T", help="merge while the criterion is at most this"
+    )
+
+
+def _parameters(command: argparse.ArgumentParser) -> "argparse._ArgumentGroup":
     group = command.add_argument_group("settings", "the node's parameters; the later one wins")
     group.add_argument("--params", metavar="FILE", help="YAML file, as for the node")
     group.add_argument(
@@ -255,10 +282,7 @@ def _settings(command: argparse.ArgumentParser, criteria: Sequence[str] = CRITER
         metavar="NAME=VALUE",
         help="any parameter, again and again: --set graph.neighbours=15",
     )
-    group.add_argument("--criterion", choices=criteria, help="what decides about a merge")
-    group.add_argument(
-        "--threshold", metavar="T", help="merge while the criterion is at most this"
-    )
+    return group
 
 
 def _talk(command: argparse.ArgumentParser) -> None:
