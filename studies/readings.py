@@ -1,0 +1,334 @@
+"""Readings of the paper where its print leaves several, tried on scenes; prints a Markdown table.
+
+python studies/readings.py [SOURCE ...]    beside the four simulated scenes
+
+A plain Kruskal over every fourth point of the first window, so that each reading is a few lines
+here and none is in the package. The readings that the package follows come first in each part.
+"""
+
+import math
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ellipseg_ros.benchmark.page import table
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import (
+    PARAMETERS,
+    bias,
+    density_distance,
+    segment_aicc,
+    shape_distance,
+)
+from ellipseg_ros.core.disjoint_set import find
+from ellipseg_ros.core.ellipsoids import (
+    COUNT,
+    CYLINDRICALITY,
+    EIGENVALUES,
+    MEAN,
+    PLANARITY,
+    V1,
+    V2,
+    V3,
+    segment_moments,
+    unite,
+)
+from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.data import Array
+from ellipseg_ros.io.sources import open_source
+from ellipseg_ros.paper.facts import first_window
+from ellipseg_ros.tuning.graph import graph_of
+
+EVERY = 4  # points
+SCENES = ("sim:industrial", "sim:woodland", "sim:roadway", "sim:mixed")
+CONFIG = Config(max_points_per_second=15_000)
+NOISE = CONFIG.model.noise_variance
+COARSE, FINE = 13, 5  # thresholds
+SHAPE, E3, SHARES, NO_RATIOS, ROOT_N, DENSITY, FLOORED, PARSIMONY, AIC, CAPPED = range(10)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the paper."""
+
+    name: str
+    criterion: int
+    lowest: float  # thresholds
+    highest: float
+    against: str = ""  # the reading of the other criterion that it is compared with
+    floor: float = 1e-4  # m^2
+    count: float = 1.0  # points of an initial ellipsoid
+    plain: bool = False  # edges by the distance of their centroids alone
+    unit_mass: bool = False
+    own: bool = False  # AICc of the moments of the points themselves
+    passes: int = 1  # over the edges
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What all readings of a scene share."""
+
+    points: Array
+    nodes: Array
+    masses: Array
+    weighted: tuple[Array, Array]  # ends of the edges, in order
+    plain: tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Of one reading on one scene."""
+
+    thresholds: Array
+    losses: Array
+    threshold: float
+    aicc: float  # a point
+    count: int
+    completion: float
+    largest: float  # share of the points in the largest segment
+
+
+SHAPES = (
+    Reading("shape: e1 in the spherical term", SHAPE, 0.1, 300.0, "density"),
+    Reading("e3 there, as printed", E3, 0.1, 300.0, "density"),
+    Reading("each term by its own share (words)", SHARES, 0.1, 300.0, "density"),
+    Reading("no ratios in the angular terms", NO_RATIOS, 0.1, 300.0, "density"),
+    Reading("D / √(n_a + n_b)", ROOT_N, 0.01, 30.0, "density"),
+    Reading("floor (0.00003 m)²", SHAPE, 0.1, 300.0, "density", floor=9e-10),
+    Reading("floor (0.02 m)²", SHAPE, 0.1, 300.0, "density", floor=4e-4),
+    Reading("n = 11 at the start", SHAPE, 0.1, 300.0, "density, n = 11", count=11.0),
+    Reading("edges by distance alone", SHAPE, 0.1, 300.0, "density", plain=True),
+    Reading(
+        "shape, AICc of the points", SHAPE, 0.1, 300.0, "density, AICc of the points", own=True
+    ),
+)
+DENSITIES = (
+    Reading("density", DENSITY, 1e-4, 1.0, SHAPES[0].name),
+    Reading("mass 1 a point", DENSITY, 1e-6, 1.0, SHAPES[0].name, unit_mass=True),
+    Reading("volume of at least the noise", FLOORED, 1e-3, 10.0, SHAPES[0].name),
+    Reading("density, n = 11", DENSITY, 1e-4, 1.0, "n = 11 at the start", count=11.0),
+    Reading("density, edges by distance alone", DENSITY, 1e-4, 1.0, SHAPES[0].name, plain=True),
+    Reading("density, AICc of the points", DENSITY, 1e-4, 1.0, SHAPES[9].name, own=True),
+)
+PARSIMONIES = (
+    Reading("parsimony", PARSIMONY, 0.1, 100.0),
+    Reading("dropped edges a second time", PARSIMONY, 0.1, 100.0, passes=2),
+    Reading("three passes", PARSIMONY, 0.1, 100.0, passes=3),
+    Reading("parsimony, edges by distance alone", PARSIMONY, 0.1, 100.0, plain=True),
+    Reading("AIC instead of AICc in D", AIC, 0.1, 100.0),
+    Reading("bias in D at most that of 12 points", CAPPED, 0.1, 100.0),
+)
+
+
+@kernel
+def walk(nodes, masses, left, right, criterion, floor, threshold, passes):
+    """Kruskal's algorithm in place; returns the root of every point. The last row is scratch."""
+    above = np.arange(len(nodes))
+    scratch = len(nodes) - 1
+    for _ in range(passes):
+        for edge in range(len(left)):
+            a, b = find(above, left[edge]), find(above, right[edge])
+            if a == b:
+                continue
+            if criterion < DENSITY:
+                if shape_reading(nodes, a, b, floor, criterion) > threshold:
+                    continue
+                unite(nodes, a, b, scratch)
+            else:
+                unite(nodes, a, b, scratch)
+                mass = masses[a] + masses[b]
+                if union_reading(nodes, a, b, scratch, mass, criterion) > threshold:
+                    continue
+            nodes[a] = nodes[scratch]
+            masses[a] += masses[b]
+            above[b] = a
+    return np.array([find(above, point) for point in range(scratch)])
+
+
+@kernel
+def shape_reading(nodes, a, b, floor, criterion):
+    """Equation 7 and its variants."""
+    if criterion == SHAPE:
+        return shape_distance(nodes, a, b, floor, math.inf)
+    n = nodes[a, COUNT] + nodes[b, COUNT]
+    if criterion == ROOT_N:
+        return shape_distance(nodes, a, b, floor, math.inf) / math.sqrt(n)
+    fa, fb = nodes[a, COUNT] / n, nodes[b, COUNT] / n
+    total, ratio3, ratio2, planar, cylindrical = 0.0, 0.0, 0.0, 0.0, 0.0
+    for one, f in ((a, fa), (b, fb)):
+        e3 = max(nodes[one, EIGENVALUES], floor)
+        e2 = max(nodes[one, EIGENVALUES + 1], floor)
+        e1 = max(nodes[one, EIGENVALUES + 2], floor)
+        p, c = nodes[one, PLANARITY], nodes[one, CYLINDRICALITY]
+        s = max(0.0, 1.0 - p - c)
+        g3, g2, g1 = (
+            gap(nodes, a, b, one, V3),
+            gap(nodes, a, b, one, V2),
+            gap(nodes, a, b, one, V1),
+        )
+        if criterion == SHARES:
+            total += f * (p * g3 / e3 + c * (g2 / e2 + g3 / e3) + s * (g1 + g2 + g3) / e1)
+        else:
+            total += f * (g3 / e3 + (1.0 - p) * g2 / e2 + s * g1 / (e3 if criterion == E3 else e1))
+        planar += f * p
+        cylindrical += f * c
+        ratio3 += e3 / e2
+        ratio2 += e2 / e1
+    if criterion == NO_RATIOS:
+        ratio3 = ratio2 = 1.0
+    total += planar * tilt(nodes, a, b, V3) / ratio3
+    return total + cylindrical * tilt(nodes, a, b, V1) / ratio2
+
+
+@kernel
+def gap(nodes, a, b, one, axis):
+    """Squared gap of the centroids along an axis of one of the two."""
+    along = 0.0
+    for k in range(3):
+        along += nodes[one, axis + k] * (nodes[b, MEAN + k] - nodes[a, MEAN + k])
+    return along * along
+
+
+@kernel
+def tilt(nodes, a, b, axis):
+    """Squared sine of the angle between two axes."""
+    cosine = 0.0
+    for k in range(3):
+        cosine += nodes[a, axis + k] * nodes[b, axis + k]
+    return max(0.0, 1.0 - cosine * cosine)
+
+
+@kernel
+def union_reading(nodes, a, b, union, mass, criterion):
+    """Density (eq. 6), parsimony, and their variants."""
+    if criterion == DENSITY:
+        return density_distance(nodes, union, mass)
+    if criterion == FLOORED:
+        volume = 4.0 / 3.0 * math.pi
+        for k in range(3):
+            volume *= math.sqrt(max(nodes[union, EIGENVALUES + k], NOISE))
+        return volume / mass if mass > 0.0 else math.inf
+    return cost(nodes, union, criterion) - cost(nodes, a, criterion) - cost(nodes, b, criterion)
+
+
+@kernel
+def cost(nodes, i, criterion):
+    """AICc of a segment, or with another bias term."""
+    whole = segment_aicc(nodes, i, NOISE)
+    n = nodes[i, COUNT]
+    if criterion == AIC:
+        return whole - bias(n) + 2.0 * PARAMETERS
+    if criterion == CAPPED:
+        return whole - bias(n) + min(bias(n), bias(12.0))
+    return whole
+
+
+@kernel
+def total_aicc(nodes, rows):
+    """Sum over the segments."""
+    total = 0.0
+    for row in rows:
+        total += segment_aicc(nodes, row, NOISE)
+    return total
+
+
+def load(spec: str) -> tuple[str, Scene]:
+    """A scene by its name."""
+    source = open_source(spec)
+    cut = first_window(source, CONFIG)
+    graph = graph_of(cut.points[::EVERY], CONFIG, cut.origin)
+    members = np.flatnonzero(graph.change.member)
+    rows = np.cumsum(graph.change.member) - 1
+    nodes = np.vstack([graph.nodes[members], np.zeros((1, graph.nodes.shape[1]))])
+    left, right = rows[graph.edges.i], rows[graph.edges.j]
+    means = nodes[:, MEAN : MEAN + 3]
+    order = np.lexsort((right, left, np.linalg.norm(means[left] - means[right], axis=1)))
+    points = cut.points[::EVERY][members] - cut.origin
+    masses = np.append(graph.masses[members], 0.0)
+    return source.name, Scene(points, nodes, masses, (left, right), (left[order], right[order]))
+
+
+def try_threshold(scene: Scene, reading: Reading, threshold: float) -> tuple[float, int, float]:
+    """AICc a point, segments, and the largest one's share of the points."""
+    nodes, masses = scene.nodes.copy(), scene.masses.copy()
+    nodes[:, COUNT] = reading.count
+    if reading.unit_mass:
+        masses[:] = 1.0
+    left, right = scene.plain if reading.plain else scene.weighted
+    way = (reading.criterion, reading.floor, threshold, reading.passes)
+    roots, labels, sizes = np.unique(
+        walk(nodes, masses, left, right, *way), return_inverse=True, return_counts=True
+    )
+    aicc = total_aicc(*own_nodes(scene, labels) if reading.own else (nodes, roots))
+    points = len(scene.points)
+    return aicc / (points * reading.count), len(roots), float(sizes.max()) / points
+
+
+def own_nodes(scene: Scene, labels: Array) -> tuple[Array, Array]:
+    """Moments of the points of every segment."""
+    count = int(labels.max()) + 1
+    before, nothing = np.full(count, -1), np.zeros((0, scene.nodes.shape[1]))
+    nodes = segment_moments(scene.points, labels.astype(np.int32), before, nothing)
+    return nodes, np.arange(count)
+
+
+def minimum(scene: Scene, reading: Reading) -> Minimum:
+    """Look for the threshold of least AICc: a coarse grid, then a finer one around its best."""
+    tried: dict[float, tuple[float, int, float]] = {}
+    grid = np.geomspace(reading.lowest, reading.highest, COARSE)
+    for _ in range(2):
+        tried |= {t: try_threshold(scene, reading, t) for t in grid.tolist() if t not in tried}
+        thresholds = np.array(sorted(tried))
+        best = int(np.argmin([tried[t][0] for t in thresholds]))
+        around = thresholds[[max(best - 1, 0), min(best + 1, len(thresholds) - 1)]]
+        grid = np.geomspace(*around, FINE + 2)
+    aicc, count, largest = tried[thresholds[best]]
+    singletons = try_threshold(scene, replace(reading, passes=0), 0.0)[0]
+    losses = np.array([tried[t][0] - aicc for t in thresholds]) / (singletons - aicc)
+    done = 1.0 - count / len(scene.points)
+    return Minimum(thresholds, losses, thresholds[best], aicc, count, done, largest)
+
+
+def row(reading: Reading, minima: dict[str, list[Minimum]]) -> list[str]:
+    """A reading over all scenes."""
+    found = minima[reading.name]
+    candidates = np.unique(np.concatenate([one.thresholds for one in found]))
+    logs = np.log(candidates)
+    losses = [np.interp(logs, np.log(one.thresholds), one.losses) for one in found]
+    shared = float(np.max(losses, axis=0).min())
+    cells = [reading.name, span([one.threshold for one in found], ".3g"), f"{shared:.3f}"]
+    cells.append(span([100.0 * one.completion for one in found], ".1f"))
+    cells.append(f"{np.mean([one.aicc for one in found]):.2f}")
+    cells.append(f"{np.mean([one.count for one in found]):,.0f}")
+    cells.append(span([100.0 * one.largest for one in found], ".1f"))
+    if not reading.against:
+        return [*cells, ""]
+    pairs = list(zip(found, minima[reading.against], strict=True))
+    if reading.criterion < DENSITY:
+        pairs = [(other, one) for one, other in pairs]
+    late = sum(density.completion > shape.completion for density, shape in pairs)
+    low = sum(density.aicc < shape.aicc for density, shape in pairs)
+    return [*cells, f"{late}, {low} of {len(pairs)}"]
+
+
+def span(values: list[float], form: str) -> str:
+    """Least and greatest."""
+    return f"{min(values):{form}} to {max(values):{form}}"
+
+
+def main() -> None:
+    """Try all readings on all scenes."""
+    scenes = dict(load(spec) for spec in [*SCENES, *sys.argv[1:]])
+    minima: dict[str, list[Minimum]] = {}
+    for reading in (*SHAPES, *DENSITIES, *PARSIMONIES):
+        print(f"{reading.name} ...", file=sys.stderr)
+        minima[reading.name] = [minimum(scene, reading) for scene in scenes.values()]
+    head = ["reading", "minima at τ", "shared loss", "completion, %", "AICc", "ellipsoids"]
+    head += ["largest segment, %", "density later, lower"]
+    print(f"Scenes: {', '.join(scenes)}.\n")
+    print(table(head, [row(r, minima) for r in (*SHAPES, *DENSITIES, *PARSIMONIES)]), end="")
+
+
+if __name__ == "__main__":
+    main()
