@@ -6,35 +6,30 @@ A plain Kruskal over every fourth point of the first window, so that each readin
 here and none is in the package. The readings that the package follows come first in each part.
 """
 
-import math
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import repeat
 
 import numpy as np
+from reading_kernels import (
+    AIC,
+    CAPPED,
+    DENSITY,
+    E3,
+    FLOORED,
+    NO_RATIOS,
+    PARSIMONY,
+    ROOT_N,
+    SHAPE,
+    SHARES,
+    total_aicc,
+    walk,
+)
 
 from ellipseg_ros.benchmark.page import table
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.criteria import (
-    PARAMETERS,
-    bias,
-    density_distance,
-    segment_aicc,
-    shape_distance,
-)
-from ellipseg_ros.core.disjoint_set import find
-from ellipseg_ros.core.ellipsoids import (
-    COUNT,
-    CYLINDRICALITY,
-    EIGENVALUES,
-    MEAN,
-    PLANARITY,
-    V1,
-    V2,
-    V3,
-    segment_moments,
-    unite,
-)
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.ellipsoids import COUNT, MEAN, segment_moments
 from ellipseg_ros.data import Array
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.paper.facts import first_window
@@ -43,9 +38,7 @@ from ellipseg_ros.tuning.graph import graph_of
 EVERY = 4  # points
 SCENES = ("sim:industrial", "sim:woodland", "sim:roadway", "sim:mixed")
 CONFIG = Config(max_points_per_second=15_000)
-NOISE = CONFIG.model.noise_variance
-COARSE, FINE = 13, 5  # thresholds
-SHAPE, E3, SHARES, NO_RATIOS, ROOT_N, DENSITY, FLOORED, PARSIMONY, AIC, CAPPED = range(10)
+COARSE, FINE = 10, 4  # thresholds
 
 
 @dataclass(frozen=True)
@@ -121,132 +114,25 @@ PARSIMONIES = (
 )
 
 
-@kernel
-def walk(nodes, masses, left, right, criterion, floor, threshold, passes):
-    """Kruskal's algorithm in place; returns the root of every point. The last row is scratch."""
-    above = np.arange(len(nodes))
-    scratch = len(nodes) - 1
-    for _ in range(passes):
-        for edge in range(len(left)):
-            a, b = find(above, left[edge]), find(above, right[edge])
-            if a == b:
-                continue
-            if criterion < DENSITY:
-                if shape_reading(nodes, a, b, floor, criterion) > threshold:
-                    continue
-                unite(nodes, a, b, scratch)
-            else:
-                unite(nodes, a, b, scratch)
-                mass = masses[a] + masses[b]
-                if union_reading(nodes, a, b, scratch, mass, criterion) > threshold:
-                    continue
-            nodes[a] = nodes[scratch]
-            masses[a] += masses[b]
-            above[b] = a
-    return np.array([find(above, point) for point in range(scratch)])
-
-
-@kernel
-def shape_reading(nodes, a, b, floor, criterion):
-    """Equation 7 and its variants."""
-    if criterion == SHAPE:
-        return shape_distance(nodes, a, b, floor, math.inf)
-    n = nodes[a, COUNT] + nodes[b, COUNT]
-    if criterion == ROOT_N:
-        return shape_distance(nodes, a, b, floor, math.inf) / math.sqrt(n)
-    fa, fb = nodes[a, COUNT] / n, nodes[b, COUNT] / n
-    total, ratio3, ratio2, planar, cylindrical = 0.0, 0.0, 0.0, 0.0, 0.0
-    for one, f in ((a, fa), (b, fb)):
-        e3 = max(nodes[one, EIGENVALUES], floor)
-        e2 = max(nodes[one, EIGENVALUES + 1], floor)
-        e1 = max(nodes[one, EIGENVALUES + 2], floor)
-        p, c = nodes[one, PLANARITY], nodes[one, CYLINDRICALITY]
-        s = max(0.0, 1.0 - p - c)
-        g3, g2, g1 = (
-            gap(nodes, a, b, one, V3),
-            gap(nodes, a, b, one, V2),
-            gap(nodes, a, b, one, V1),
-        )
-        if criterion == SHARES:
-            total += f * (p * g3 / e3 + c * (g2 / e2 + g3 / e3) + s * (g1 + g2 + g3) / e1)
-        else:
-            total += f * (g3 / e3 + (1.0 - p) * g2 / e2 + s * g1 / (e3 if criterion == E3 else e1))
-        planar += f * p
-        cylindrical += f * c
-        ratio3 += e3 / e2
-        ratio2 += e2 / e1
-    if criterion == NO_RATIOS:
-        ratio3 = ratio2 = 1.0
-    total += planar * tilt(nodes, a, b, V3) / ratio3
-    return total + cylindrical * tilt(nodes, a, b, V1) / ratio2
-
-
-@kernel
-def gap(nodes, a, b, one, axis):
-    """Squared gap of the centroids along an axis of one of the two."""
-    along = 0.0
-    for k in range(3):
-        along += nodes[one, axis + k] * (nodes[b, MEAN + k] - nodes[a, MEAN + k])
-    return along * along
-
-
-@kernel
-def tilt(nodes, a, b, axis):
-    """Squared sine of the angle between two axes."""
-    cosine = 0.0
-    for k in range(3):
-        cosine += nodes[a, axis + k] * nodes[b, axis + k]
-    return max(0.0, 1.0 - cosine * cosine)
-
-
-@kernel
-def union_reading(nodes, a, b, union, mass, criterion):
-    """Density (eq. 6), parsimony, and their variants."""
-    if criterion == DENSITY:
-        return density_distance(nodes, union, mass)
-    if criterion == FLOORED:
-        volume = 4.0 / 3.0 * math.pi
-        for k in range(3):
-            volume *= math.sqrt(max(nodes[union, EIGENVALUES + k], NOISE))
-        return volume / mass if mass > 0.0 else math.inf
-    return cost(nodes, union, criterion) - cost(nodes, a, criterion) - cost(nodes, b, criterion)
-
-
-@kernel
-def cost(nodes, i, criterion):
-    """AICc of a segment, or with another bias term."""
-    whole = segment_aicc(nodes, i, NOISE)
-    n = nodes[i, COUNT]
-    if criterion == AIC:
-        return whole - bias(n) + 2.0 * PARAMETERS
-    if criterion == CAPPED:
-        return whole - bias(n) + min(bias(n), bias(12.0))
-    return whole
-
-
-@kernel
-def total_aicc(nodes, rows):
-    """Sum over the segments."""
-    total = 0.0
-    for row in rows:
-        total += segment_aicc(nodes, row, NOISE)
-    return total
-
-
 def load(spec: str) -> tuple[str, Scene]:
     """A scene by its name."""
     source = open_source(spec)
     cut = first_window(source, CONFIG)
-    graph = graph_of(cut.points[::EVERY], CONFIG, cut.origin)
+    return source.name, scene_of(cut.points[::EVERY], cut.origin)
+
+
+def scene_of(points: Array, origin: Array) -> Scene:
+    """Neighbours, initial ellipsoids and edges of points (n, 3), m, without the isolated ones."""
+    graph = graph_of(points, CONFIG, origin)
     members = np.flatnonzero(graph.change.member)
     rows = np.cumsum(graph.change.member) - 1
     nodes = np.vstack([graph.nodes[members], np.zeros((1, graph.nodes.shape[1]))])
     left, right = rows[graph.edges.i], rows[graph.edges.j]
     means = nodes[:, MEAN : MEAN + 3]
     order = np.lexsort((right, left, np.linalg.norm(means[left] - means[right], axis=1)))
-    points = cut.points[::EVERY][members] - cut.origin
     masses = np.append(graph.masses[members], 0.0)
-    return source.name, Scene(points, nodes, masses, (left, right), (left[order], right[order]))
+    kept = points[members] - origin
+    return Scene(kept, nodes, masses, (left, right), (left[order], right[order]))
 
 
 def try_threshold(scene: Scene, reading: Reading, threshold: float) -> tuple[float, int, float]:
@@ -323,7 +209,8 @@ def main() -> None:
     minima: dict[str, list[Minimum]] = {}
     for reading in (*SHAPES, *DENSITIES, *PARSIMONIES):
         print(f"{reading.name} ...", file=sys.stderr)
-        minima[reading.name] = [minimum(scene, reading) for scene in scenes.values()]
+        with ThreadPoolExecutor(2) as pool:  # kernels release the GIL
+            minima[reading.name] = list(pool.map(minimum, scenes.values(), repeat(reading)))
     head = ["reading", "minima at τ", "shared loss", "completion, %", "AICc", "ellipsoids"]
     head += ["largest segment, %", "density later, lower"]
     print(f"Scenes: {', '.join(scenes)}.\n")

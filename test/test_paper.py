@@ -2,6 +2,7 @@
 
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -186,6 +187,22 @@ def test_a_second_run_gives_the_same(results, facts, capsys):
 def test_what_cannot_be_read_is_told_in_one_line(tmp_path, capsys):
     assert main(["paper", str(tmp_path / "no.mcap"), "-o", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("part", ["SHAPES", "DENSITIES", "PARSIMONIES"])
+def test_the_study_begins_with_what_the_package_does(part, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "studies")
+    study = import_module("readings")
+    reading = getattr(study, part)[0]
+    cut = first_window(open_source("sim:roadway", duration=0.5), Config())
+    tried = study.scene_of(cut.points, cut.origin)
+    name = CRITERIA[["SHAPES", "DENSITIES", "PARSIMONIES"].index(part)]
+    for threshold in (0.01, 1.0, 4.0):
+        found = segment(cut.points, Config(name, threshold), cut.origin)
+        aicc, count, largest = study.try_threshold(tried, reading, threshold)
+        assert count == len(found.ellipsoids)
+        assert aicc == pytest.approx(found.aicc / found.counts.segmented, rel=1e-9)
+        assert largest == found.ellipsoids.count.max() / found.counts.segmented
 
 
 def test_the_page_of_the_repository_follows_from_its_numbers():
