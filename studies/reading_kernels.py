@@ -27,7 +27,8 @@ from ellipseg_ros.core.ellipsoids import (
 from ellipseg_ros.core.jit import kernel
 
 NOISE = Config().model.noise_variance
-SHAPE, E3, SHARES, NO_RATIOS, ROOT_N, DENSITY, FLOORED, PARSIMONY, AIC, CAPPED = range(10)
+SHAPE, E3, SHARES, NO_RATIOS, ROOT_N = range(5)
+DENSITY, FLOORED, MEAN_MASS, PARSIMONY, AIC, CAPPED = range(5, 11)
 
 
 @kernel
@@ -113,6 +114,8 @@ def union_reading(nodes, a, b, union, mass, criterion):
     """Density (eq. 6), parsimony, and their variants."""
     if criterion == DENSITY:
         return density_distance(nodes, union, mass)
+    if criterion == MEAN_MASS:
+        return density_distance(nodes, union, mass / nodes[union, COUNT])
     if criterion == FLOORED:
         volume = 4.0 / 3.0 * math.pi
         for k in range(3):
