@@ -28,7 +28,7 @@ from ellipseg_ros.core.jit import kernel
 
 NOISE = Config().model.noise_variance
 SHAPE, E3, SHARES, NO_RATIOS, ROOT_N = range(5)
-DENSITY, FLOORED, MEAN_MASS, PARSIMONY, AIC, CAPPED = range(5, 11)
+DENSITY, FLOORED, ADDED_MASS, PARSIMONY, AIC, CAPPED = range(5, 11)
 
 
 @kernel
@@ -114,13 +114,13 @@ def union_reading(nodes, a, b, union, mass, criterion):
     """Density (eq. 6), parsimony, and their variants."""
     if criterion == DENSITY:
         return density_distance(nodes, union, mass)
-    if criterion == MEAN_MASS:
-        return density_distance(nodes, union, mass / nodes[union, COUNT])
+    if criterion == ADDED_MASS:
+        return density_distance(nodes, union, mass) / nodes[union, COUNT]
     if criterion == FLOORED:
         volume = 4.0 / 3.0 * math.pi
         for k in range(3):
             volume *= math.sqrt(max(nodes[union, EIGENVALUES + k], NOISE))
-        return volume / mass if mass > 0.0 else math.inf
+        return volume * nodes[union, COUNT] / mass if mass > 0.0 else math.inf
     return cost(nodes, union, criterion) - cost(nodes, a, criterion) - cost(nodes, b, criterion)
 
 

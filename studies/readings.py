@@ -13,12 +13,12 @@ from itertools import repeat
 
 import numpy as np
 from reading_kernels import (
+    ADDED_MASS,
     AIC,
     CAPPED,
     DENSITY,
     E3,
     FLOORED,
-    MEAN_MASS,
     NO_RATIOS,
     PARSIMONY,
     ROOT_N,
@@ -28,11 +28,11 @@ from reading_kernels import (
     walk,
 )
 
-from ellipseg_ros.benchmark.page import table
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.ellipsoids import COUNT, MEAN, segment_moments
 from ellipseg_ros.data import Array
 from ellipseg_ros.io.sources import open_source
+from ellipseg_ros.measuring.markdown import table
 from ellipseg_ros.paper.facts import first_window
 from ellipseg_ros.tuning.graph import graph_of
 
@@ -84,28 +84,28 @@ class Minimum:
 
 
 SHAPES = (
-    Reading("shape: e1 in the spherical term", SHAPE, 0.1, 300.0, "density"),
-    Reading("e3 there, as printed", E3, 0.1, 300.0, "density"),
-    Reading("each term by its own share (words)", SHARES, 0.1, 300.0, "density"),
-    Reading("no ratios in the angular terms", NO_RATIOS, 0.1, 300.0, "density"),
-    Reading("D / √(n_a + n_b)", ROOT_N, 0.01, 30.0, "density"),
-    Reading("floor (0.00003 m)²", SHAPE, 0.1, 300.0, "density", floor=9e-10),
-    Reading("floor (0.02 m)²", SHAPE, 0.1, 300.0, "density", floor=4e-4),
+    Reading("shape: e1 in the spherical term", SHAPE, 0.1, 300.0, "density: mean mass"),
+    Reading("e3 there, as printed", E3, 0.1, 300.0, "density: mean mass"),
+    Reading("each term by its own share (words)", SHARES, 0.1, 300.0, "density: mean mass"),
+    Reading("no ratios in the angular terms", NO_RATIOS, 0.1, 300.0, "density: mean mass"),
+    Reading("D / √(n_a + n_b)", ROOT_N, 0.01, 30.0, "density: mean mass"),
+    Reading("floor (0.00003 m)²", SHAPE, 0.1, 300.0, "density: mean mass", floor=9e-10),
+    Reading("floor (0.02 m)²", SHAPE, 0.1, 300.0, "density: mean mass", floor=4e-4),
     Reading("n = 11 at the start", SHAPE, 0.1, 300.0, "density, n = 11", count=11.0),
-    Reading("edges by distance alone", SHAPE, 0.1, 300.0, "density", plain=True),
+    Reading("edges by distance alone", SHAPE, 0.1, 300.0, "density: mean mass", plain=True),
     Reading(
         "shape, AICc of the points", SHAPE, 0.1, 300.0, "density, AICc of the points", own=True
     ),
 )
 DENSITIES = (
-    Reading("density", DENSITY, 1e-4, 1.0, SHAPES[0].name),
-    Reading("mass 1 a point", DENSITY, 1e-6, 1.0, SHAPES[0].name, unit_mass=True),
-    Reading("volume of at least the noise", FLOORED, 1e-3, 10.0, SHAPES[0].name),
-    Reading("mass averaged, not added", MEAN_MASS, 1e-3, 1e4, SHAPES[0].name),
-    Reading("volume alone", MEAN_MASS, 1e-6, 100.0, SHAPES[0].name, unit_mass=True),
-    Reading("density, n = 11", DENSITY, 1e-4, 1.0, "n = 11 at the start", count=11.0),
-    Reading("density, edges by distance alone", DENSITY, 1e-4, 1.0, SHAPES[0].name, plain=True),
-    Reading("density, AICc of the points", DENSITY, 1e-4, 1.0, SHAPES[9].name, own=True),
+    Reading("density: mean mass", DENSITY, 1e-3, 1e3, SHAPES[0].name),
+    Reading("masses added", ADDED_MASS, 1e-4, 1.0, SHAPES[0].name),
+    Reading("masses added, 1 a point", ADDED_MASS, 1e-6, 1.0, SHAPES[0].name, unit_mass=True),
+    Reading("volume alone", DENSITY, 1e-3, 1e2, SHAPES[0].name, unit_mass=True),
+    Reading("volume of at least the noise", FLOORED, 1e-2, 1e4, SHAPES[0].name),
+    Reading("density, n = 11", DENSITY, 1e-3, 1e3, "n = 11 at the start", count=11.0),
+    Reading("density, edges by distance alone", DENSITY, 1e-3, 1e3, SHAPES[0].name, plain=True),
+    Reading("density, AICc of the points", DENSITY, 1e-3, 1e3, SHAPES[9].name, own=True),
 )
 PARSIMONIES = (
     Reading("parsimony", PARSIMONY, 0.1, 100.0),

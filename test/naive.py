@@ -126,11 +126,12 @@ def mass(points, i, near):
 
 
 def density_distance(a, b, mass_ab):
-    values, _ = eigen(union(a, b)[2])
+    n, _, covariance = union(a, b)
+    values, _ = eigen(covariance)
     volume = 4 / 3 * math.pi * math.sqrt(float(np.prod(values)))
     if volume == 0.0:
         return 0.0
-    return volume / mass_ab if mass_ab > 0 else math.inf
+    return volume * n / mass_ab if mass_ab > 0 else math.inf
 
 
 def aicc(segment, noise=0.01):

@@ -113,7 +113,7 @@ class Study:
 
     def _draw(self) -> list[str]:
         """Every figure as PNG, the charts as SVG too; returns their names."""
-        from ellipseg_ros.charts import save
+        from ellipseg_ros.measuring.charts import save
         from ellipseg_ros.paper import figures
 
         say("drawing ...", self._args)
@@ -137,7 +137,7 @@ class Study:
                 [self._folder / PICTURES / f"{scene.name}_{n}_{what}.png" for what in SIDES]
                 for n in CRITERIA
             ]
-            figures.sheet(pairs, images / f"paper_{sheets[-1]}.png")
+            figures.contact_sheet(pairs, images / f"paper_{sheets[-1]}.png")
         return sorted([*charts, *sheets])
 
 

@@ -73,7 +73,10 @@ def _tilt(nodes, a, b, axis):
 
 @kernel
 def density_distance(nodes, union, mass):
-    """Volume of the united ellipsoid per mass, m: the inverse of the paper's density (eq. 6)."""
+    """Volume of the united ellipsoid per mean mass, m: the inverse of the paper's density (eq. 6).
+
+    mass, m^2: the sum over the points. Their mean decides [choice: docs/paper.md].
+    """
     volume = (
         4.0
         / 3.0
@@ -86,7 +89,7 @@ def density_distance(nodes, union, mass):
     )
     if volume == 0.0:
         return 0.0
-    return volume / mass if mass > 0.0 else math.inf
+    return volume * nodes[union, COUNT] / mass if mass > 0.0 else math.inf
 
 
 @kernel

@@ -9,24 +9,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
-from ellipseg_ros.charts import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    UNITS,
-    YELLOW,
-    legend,
-    mark,
-    style,
-    title,
-)
+from ellipseg_ros.charts import BLUE, GREEN, ORANGE, PURPLE, UNITS, YELLOW, mark
 from ellipseg_ros.colours import shape_colours
 from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.data import Array
+from ellipseg_ros.measuring.charts import legend, sheet, style, title
 from ellipseg_ros.paper.facts import KINDS, Scene
 from ellipseg_ros.plots import BACKGROUND, INK
 from ellipseg_ros.tuning.curve import Curve
@@ -40,7 +29,7 @@ STEPS = 400  # of the triangle of shapes
 
 def figure3() -> Figure:
     """The shape spectrum: every mixture of plane, cylinder and sphere, in its colour."""
-    figure = _figure(8.0, 6.6)
+    figure = sheet(8.0, 6.6)
     axes = figure.subplots()
     style(axes)
     x, y = np.meshgrid(np.linspace(0.0, 1.0, STEPS), np.linspace(0.0, 1.0, STEPS))
@@ -64,7 +53,7 @@ def figure3() -> Figure:
 
 def figure4(scene: Scene) -> Figure:
     """AICc, variance and bias term over the threshold, a panel a criterion."""
-    figure = _figure(18.0, 5.6)
+    figure = sheet(18.0, 5.6)
     for axes, name in zip(figure.subplots(1, len(CRITERIA)), CRITERIA, strict=True):
         style(axes)
         _terms(axes, scene.curves[name])
@@ -75,7 +64,7 @@ def figure4(scene: Scene) -> Figure:
 
 def figure5(scenes: Sequence[Scene]) -> Figure:
     """AICc over merge completion, a panel a scene, a line a criterion."""
-    figure = _figure(8.0 * len(scenes), 6.0)
+    figure = sheet(8.0 * len(scenes), 6.0)
     for axes, scene in zip(np.ravel(figure.subplots(1, len(scenes))), scenes, strict=True):
         style(axes)
         for name, colour in OF_CRITERION.items():
@@ -92,7 +81,7 @@ def figure5(scenes: Sequence[Scene]) -> Figure:
 
 def figure7(scenes: Sequence[Scene]) -> Figure:
     """AICc over the threshold, a panel a criterion, a line a scene."""
-    figure = _figure(18.0, 6.4)
+    figure = sheet(18.0, 6.4)
     panels = figure.subplots(1, len(CRITERIA))
     for axes, name in zip(panels, CRITERIA, strict=True):
         style(axes)
@@ -118,7 +107,7 @@ def figure7(scenes: Sequence[Scene]) -> Figure:
     return figure
 
 
-def sheet(pictures: Sequence[Sequence[Path]], path: Path) -> None:
+def contact_sheet(pictures: Sequence[Sequence[Path]], path: Path) -> None:
     """Write pictures of files as one small PNG, two beside one another."""
     rows = [[_small(one) for one in pair] for pair in pictures]
     heights = [max(image.height for image in row) for row in rows]
@@ -149,11 +138,6 @@ def _terms(axes: Axes, curve: Curve) -> None:
     best = curve.best
     text = f"τ = {curve.threshold[best]:.3g}, {curve.count[best]:,} ellipsoids"
     mark(axes, float(curve.threshold[best]), float(curve.aicc[best]) / points, text)
-
-
-def _figure(wide: float, tall: float) -> Figure:
-    layout = ConstrainedLayoutEngine(w_pad=0.2, h_pad=0.15)
-    return Figure(figsize=(wide, tall), facecolor=BACKGROUND, layout=layout)
 
 
 def _per_point(curve: Curve) -> Array:

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from ellipseg_ros.benchmark.page import table
 from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.measuring.markdown import table
 from ellipseg_ros.paper.claims import BEYOND, CLAIMS, SLIGHT, Claim, judge
 from ellipseg_ros.paper.facts import KINDS
 

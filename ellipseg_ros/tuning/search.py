@@ -11,7 +11,7 @@ from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.graph import Graph, graph_of, sweep
 
 # Lowest and highest threshold of the grid: hardly any merge, and hardly anything left to merge.
-RANGES = {"shape": (0.1, 100.0), "density": (1e-4, 1.0), "parsimony": (0.1, 100.0)}  # -, m, -
+RANGES = {"shape": (0.1, 100.0), "density": (1e-3, 1e3), "parsimony": (0.1, 100.0)}  # -, m, -
 CRITERION_RANGE = -1.0
 
 
