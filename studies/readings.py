@@ -206,6 +206,22 @@ def span(values: list[float], form: str) -> str:
     return f"{min(values):{form}} to {max(values):{form}}"
 
 
+PAGE = """# Readings of the paper, tried
+
+Written by `python studies/readings.py`: a plain Kruskal over every fourth point of the first
+window of each scene. Numbers therefore differ from those of [claims.md](claims.md), which has all
+points. What the table says is weighed in [paper.md](paper.md).
+
+*Minima*: thresholds of least AICc, least and greatest over the scenes. *Shared loss*: the worst
+loss of the one threshold that is best for all. *AICc* per point, and *ellipsoids*: means over the
+scenes. *Density later, lower*: in how many scenes the minimum of density comes later in the merging
+than that of shape, and in how many it is lower; a reading of one against the other's first one, or
+against its like.
+
+Scenes: {scenes}.
+"""
+
+
 def main() -> None:
     """Try all readings on all scenes."""
     scenes = dict(load(spec) for spec in [*SCENES, *sys.argv[1:]])
@@ -216,7 +232,7 @@ def main() -> None:
             minima[reading.name] = list(pool.map(minimum, scenes.values(), repeat(reading)))
     head = ["reading", "minima at τ", "shared loss", "completion, %", "AICc", "ellipsoids"]
     head += ["largest segment, %", "density later, lower"]
-    print(f"Scenes: {', '.join(scenes)}.\n")
+    print(PAGE.format(scenes=", ".join(scenes)))
     print(table(head, [row(r, minima) for r in (*SHAPES, *DENSITIES, *PARSIMONIES)]), end="")
 
 

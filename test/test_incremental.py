@@ -14,7 +14,7 @@ from ellipseg_ros.data import Sweep
 from ellipseg_ros.grouping import Grouping, updates
 from ellipseg_ros.segmenter import Segmenter, segment
 
-MODES = [("shape", 4.0), ("shape", 25.0), ("density", 0.02), ("density", 0.3), ("parsimony", 5.0)]
+MODES = [("shape", 4.0), ("shape", 25.0), ("density", 0.5), ("density", 5.0), ("parsimony", 5.0)]
 
 
 def assert_batch(found, config):
@@ -201,7 +201,7 @@ def test_lower_and_lower_thresholds_keep_it_batch(criterion, cloud):
     """On a window that moves, and on one that stays."""
     rng = np.random.default_rng(3)
     segmenter = Segmenter()
-    highest = {"shape": 60.0, "density": 1.0, "parsimony": 80.0}[criterion]
+    highest = {"shape": 60.0, "density": 20.0, "parsimony": 80.0}[criterion]
     for number, sweep in enumerate(wild_stream(rng, 6 if jit.PLAIN else 60, cloud)):
         tau = highest * rng.choice([0.9, 0.5]) ** (number % 15)
         config = window(criterion=criterion, threshold=tau)

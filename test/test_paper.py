@@ -107,7 +107,14 @@ def scene(**changes):
         | {"aicc": 3.0, "completion": 0.9, "count": 5000, "small": 4000}
         | {"largest": 0.4, "half": 5, "size_m": 1.0},
         "density": one
-        | {"aicc": 2.0, "completion": 0.95, "count": 4000, "half": 900, "size_m": 0.2},
+        | {
+            "aicc": 2.0,
+            "completion": 0.95,
+            "count": 4000,
+            "half": 900,
+            "size_m": 0.2,
+            "largest": 0.01,
+        },
         "parsimony": one | {"aicc": 1.0, "completion": 0.99, "count": 500},
     }
     for name, value in changes.items():
@@ -120,7 +127,7 @@ def scene(**changes):
     ("change", "lost"),
     [
         ({}, []),
-        ({"parsimony_loss_at_highest": 0.01}, ["The AICc over the threshold has a minimum"]),
+        ({"shape_loss_at_highest": 0.01}, ["The AICc over the threshold has a minimum"]),
         ({"shape_completion": 0.7}, ["Minima lie at 80 % merge completion or later"]),
         (
             {"shape_completion": 0.96},
@@ -134,6 +141,7 @@ def scene(**changes):
         ({"shape_small": 100}, ["Many of the ellipsoids that shape leaves are small"]),
         ({"density_half": 4}, ["Shape finds larger structure than density"]),
         ({"density_size_m": 1.1}, ["Density fits more tightly than shape"]),
+        ({"density_largest": 0.3}, ["Density tessellates the ground"]),
         ({"shape_largest": 0.1}, ["Shape makes the ground of a wood one segment"]),
         ({"density_aicc": 0.5}, ["Parsimony has a lower AICc than shape and density"]),
         ({"parsimony_count": 4500}, ["with fewer ellipsoids"]),

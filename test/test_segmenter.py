@@ -14,7 +14,7 @@ from ellipseg_ros.data import ISOLATED, REJECTED, THINNED, State, Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.segmenter import Segmenter, segment
 
-CRITERIA = [("shape", 4.0), ("shape", 20.0), ("density", 0.02), ("parsimony", 5.0)]
+CRITERIA = [("shape", 4.0), ("shape", 20.0), ("density", 0.5), ("parsimony", 5.0)]
 
 
 def walked_edges(points):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from clouds import SECOND, street
 
-from ellipseg_ros.config import Config
+from ellipseg_ros.config import DEFAULT_THRESHOLDS, Config
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.segmenter import Segmenter
@@ -104,7 +104,8 @@ def test_a_task_has_the_key_of_its_content():
 def test_a_given_threshold_is_that_of_its_criterion_alone():
     found = run(task(config=Config(window_duration=2.0, threshold=5.5)))
     assert 5.5 in found["shape"].threshold
-    assert 5.5 not in found["density"].threshold and 0.01 in found["density"].threshold
+    assert 5.5 not in found["density"].threshold
+    assert DEFAULT_THRESHOLDS["density"] in found["density"].threshold
 
 
 # --- one threshold for many ------------------------------------------------------------------
