@@ -14,7 +14,7 @@ T = TypeVar("T")
 Value = bool | int | float | str
 
 CRITERIA = ("shape", "density", "parsimony")
-DEFAULT_THRESHOLDS = {"shape": 4.0, "density": 0.01, "parsimony": 5.0}  # -, m, -
+DEFAULT_THRESHOLDS = {"shape": 4.8, "density": 0.6, "parsimony": 5.0}  # -, m, -
 OWN_THRESHOLD = -1.0  # `threshold` where a number must stand: the criterion's own default
 
 

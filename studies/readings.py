@@ -214,9 +214,9 @@ points. What the table says is weighed in [paper.md](paper.md).
 
 *Minima*: thresholds of least AICc, least and greatest over the scenes. *Shared loss*: the worst
 loss of the one threshold that is best for all. *AICc* per point, and *ellipsoids*: means over the
-scenes. *Density later, lower*: in how many scenes the minimum of density comes later in the merging
-than that of shape, and in how many it is lower; a reading of one against the other's first one, or
-against its like.
+scenes. *Density later, lower*: in how many scenes the minimum of density comes later in the
+merging than that of shape, and in how many it is lower; a reading of one against the other's first
+one, or against its like.
 
 Scenes: {scenes}.
 """
