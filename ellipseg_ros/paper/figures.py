@@ -75,7 +75,7 @@ def figure5(scenes: Sequence[Scene]) -> Figure:
             axes.plot(merged[curve.best], aicc[curve.best], "o", color=colour, markersize=8)
         below = "merge completion: merges per point [%]"
         title(axes, f"AICc over merge completion, {scene.name}", below, "AICc per point")
-        legend(axes)
+        legend(axes, loc="lower left")
     return figure
 
 
@@ -117,7 +117,7 @@ def contact_sheet(pictures: Sequence[Sequence[Path]], path: Path) -> None:
         for column, image in enumerate(row):
             whole.paste(image, (column * CELL, top))
         top += height
-    whole.quantize(palette=whole.quantize(128)).save(path, "PNG", optimize=True)
+    whole.quantize(128, dither=Image.Dither.NONE).save(path, "PNG", optimize=True)
 
 
 def _small(path: Path) -> Image.Image:
