@@ -30,7 +30,7 @@ from ellipseg_ros.segmenter import Segmenter, segment
 from ellipseg_ros.simulator import SWEEPS_PER_SECOND, simulate
 
 # Thresholds at which the ground is a few pieces, or one.
-COARSE = {"shape": (20.0, 40.0), "density": (0.1,), "parsimony": (20_000.0,)}
+COARSE = {"shape": (20.0, 40.0), "density": (6.0,), "parsimony": (20_000.0,)}
 SHORT, LONG = 0.1, 1.0  # s: update periods
 TOTAL = "all"
 
