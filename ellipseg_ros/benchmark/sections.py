@@ -18,13 +18,13 @@ SECTIONS: dict[str, Callable[[Sizes, str], dict[str, Any]]] = {  # of the sizes 
     "stages": lambda sizes, _: incremental.stage_times(sizes),
     "updates": lambda sizes, _: incremental.updates(sizes),
     "length": lambda sizes, _: incremental.lengths(sizes),
-    "density": lambda sizes, _: incremental.densities(sizes),
-    "data": lambda sizes, data: incremental.real(data, sizes) if data else {},
     "tuning": lambda sizes, _: tuning.curves(sizes),
     "publishing": lambda sizes, _: live.publishing(sizes),
     "latency": live.latency,
     "memory": lambda sizes, _: live.memory(sizes),
     "start": lambda sizes, _: live.start(sizes),
+    "density": lambda sizes, _: incremental.densities(sizes),
+    "data": lambda sizes, data: incremental.real(data, sizes) if data else {},
 }
 
 
@@ -36,16 +36,22 @@ def measure(
 ) -> dict[str, Any]:
     """Measure the sections `names`; JSON-ready.
 
-    data: a recording to measure on, too. begin: called with the name of each as it begins.
+    data: a recording to measure on, too. begin: called with the name of each as it begins. SIGINT
+    ends it early, with the sections before.
     """
     machine = describe()
     compile_kernels()
     gc.collect()
     gc.freeze()  # so that the collection before each time has little to look at
-    results = {}
+    results: dict[str, Any] = {}
     for name in (name for name in SECTIONS if name in names):
         begin(name)
-        found = SECTIONS[name](sizes, data)
+        try:
+            found = SECTIONS[name](sizes, data)
+        except KeyboardInterrupt:
+            if not results:
+                raise
+            break  # minutes have been measured: they are worth their page
         if found:
             results[name] = found
     head = {"machine": machine, "quick": sizes != FULL, "sizes": asdict(sizes)}
