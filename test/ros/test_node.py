@@ -366,7 +366,7 @@ def test_diagnostics_tell_how_it_goes(node, start):
     assert told["points segmented"] == str(found.segmented)
     assert told["points isolated"] == str(found.isolated)
     assert told["segments"] == str(len(found.segments))
-    assert (told["criterion"], told["threshold"]) == ("shape", "4")
+    assert (told["criterion"], told["threshold"]) == ("shape", f"{Config().tau:g}")
     assert told["updates waiting"] == "0"
     for name in ("latency", "processing"):
         assert 0.0 < float(told[f"{name} median [s]"]) <= float(told[f"{name} p99 [s]"])
