@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogFormatter, NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from ellipseg_ros.comparison.cells import OWN
 from ellipseg_ros.comparison.means import kinds, means
@@ -57,8 +57,9 @@ def draw(results: Results, path: Path) -> None:
             _line(axes, name, measure, curves)
         _scales(axes, measure, results["counts"])
         title(axes, text, "segments", "s" if measure == LOGARITHMIC else "")
-    if any(axes.lines for axes in figure.axes):
-        legend(figure.axes[0], loc="lower right")
+    shown, texts = figure.axes[0].get_legend_handles_labels()
+    if shown:
+        legend(figure, handles=shown, labels=texts, loc="outside lower left", ncols=8)
     what = f"{heading}: means over clouds on which the methods shown came to the number"
     figure.suptitle(f"{what}; hollow: own number", color=INK, x=0.01, ha="left", size=13)
     save(figure, path)
@@ -91,6 +92,6 @@ def _scales(axes: Axes, measure: str, counts: list[int]) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     if measure == LOGARITHMIC and axes.lines:
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter("{x:g}")
-        few = LogFormatter(labelOnlyBase=False, minor_thresholds=(2.0, 0.5))
-        axes.yaxis.set_minor_formatter(few)
+        axes.yaxis.set_minor_locator(NullLocator())

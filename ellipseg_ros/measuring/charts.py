@@ -48,6 +48,6 @@ def title(axes: Axes, text: str, below: str = "", left: str = "") -> None:
     axes.set_ylabel(left, color=INK, fontsize=10)
 
 
-def legend(axes: Axes, **options: Any) -> None:
+def legend(axes: Axes | Figure, **options: Any) -> None:
     """What the colours mean."""
     axes.legend(facecolor=BACKGROUND, edgecolor=FAINT, labelcolor=INK, fontsize=9, **options)
