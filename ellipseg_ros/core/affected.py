@@ -97,10 +97,17 @@ def _losing(first, last, source, leaving, search, loses):
         for position in range(start, end):
             row = source.rows[position]
             if wanted[row]:
-                for slot in range(found.shape[1]):
-                    if found[row, slot] < 0 or status[found[row, slot]] < least:
-                        loses[row] = True
-                        break
+                loses[row] = lacks(row, found, status, least)
+
+
+@kernel
+def lacks(row, found, status, least):
+    """Whether a row lacks a neighbour, or has one below the least status."""
+    for slot in range(found.shape[1]):
+        other = found[row, slot]
+        if other < 0 or status[other] < least:
+            return True
+    return False
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 
 from ellipseg_ros.config import GraphConfig
 from ellipseg_ros.core import kdtree
-from ellipseg_ros.core.affected import gaining, losing
+from ellipseg_ros.core.affected import gaining, lacks, losing
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.search import Search, nearest
 from ellipseg_ros.data import Array
@@ -158,8 +158,4 @@ def _move(values, keep, target):
 def _incomplete(start, stop, wanted, status, rows, flags):
     for row in range(start, stop):
         if wanted[row]:
-            for slot in range(rows.shape[1]):
-                other = rows[row, slot]
-                if other < 0 or status[other] != MEMBER:
-                    flags[row] = True
-                    break
+            flags[row] = lacks(row, rows, status, MEMBER)
