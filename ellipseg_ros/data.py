@@ -243,6 +243,39 @@ class Objects:
         return Ragged(starts, np.argsort(self.of_segment, kind="stable"))
 
 
+class Kind(IntEnum):
+    """What a landmark's shape determines; the numbers are those of Landmark.msg."""
+
+    PLANE = 0  # an offset and a normal
+    LINE = 1  # two lateral offsets and a direction
+    BLOB = 2  # a centre
+
+
+# By kind: which of the six small motions in the landmark's own axes (translations along x, y, z,
+# rotations about x, y, z) its shape determines. The longest axis is x, the shortest is z.
+DETERMINED = {Kind.PLANE: (2, 3, 4), Kind.LINE: (1, 2, 4, 5), Kind.BLOB: (0, 1, 2)}
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Parts of the scene that can be found again; row i is landmark i, ascending by id."""
+
+    ids: Array  # (l,) uint32, from 1, never used twice in a run
+    kind: Array  # (l,) uint8, see Kind
+    count: Array  # (l,) int64, points
+    position: Array  # (l, 3) float64, m, world frame: the mean of the points
+    axes: Array  # (l, 3, 3) float64, columns x, y, z: a rotation, landmark to world frame
+    sigma: Array  # (l, 3) float64, m: standard deviations of the points along the axes, descending
+    low: Array  # (l, 3) float64, m: corners of the box around the points, along the own axes
+    high: Array  # (l, 3): and from the position
+    covariance: Array  # (l, 6, 6): of the determined motions, see DETERMINED, m and rad; else 0
+    stability: Array  # (l,) float64: how far the last updates moved it, in standard deviations
+    first_seen_ns: Array  # (l,) int64: end of the window in which it was first a landmark
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
 @dataclass(frozen=True)
 class Counts:
     """The points of a window by fate; they add up to all of them."""
