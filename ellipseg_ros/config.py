@@ -126,7 +126,7 @@ class ObjectsConfig(Checked):
         high=1e9,
     )
     thickness: float = setting(
-        0.02,
+        0.04,
         "what is flat together to this standard deviation is one object at any scale",
         unit="m",
         low=0.0,

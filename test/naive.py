@@ -224,7 +224,8 @@ def hierarchy(moments_of, features_of, lengths, thickness):
     merges = []
 
     def flat(a, b):
-        thinnest = eigen(union(moments_of[a], moments_of[b])[2])[0][2]
+        halves = [(1, *moments_of[group][1:]) for group in (a, b)]
+        thinnest = eigen(union(*halves)[2])[0][2]
         return thinnest if thinnest <= thickness**2 else math.inf
 
     def alike(a, b):

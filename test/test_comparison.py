@@ -15,7 +15,7 @@ from ellipseg_ros.cli.main import main
 from ellipseg_ros.comparison import apart, cells, study
 from ellipseg_ros.comparison.dial import Search, reached
 from ellipseg_ros.comparison.means import means
-from ellipseg_ros.comparison.methods import Dial, ellipsoids, prepare_objects
+from ellipseg_ros.comparison.methods import OBJECTS, Dial, ellipsoids, prepare_objects
 from ellipseg_ros.comparison.page import page
 from ellipseg_ros.comparison.peers import PEERS
 from ellipseg_ros.comparison.picture import draw
@@ -131,9 +131,11 @@ def test_objects_are_those_of_the_library():
     found = segment(points)
     run = prepare_objects(points)
     own = np.append(found.objects.of_segment, -1)[np.maximum(found.labels, -1)]
-    np.testing.assert_array_equal(run({}), own)
-    assert cells.segments(run({"segments": 5})) == 5
-    assert cells.segments(run({"segments": 10**6})) == len(found.ellipsoids)
+    default, finer = OBJECTS.grid
+    np.testing.assert_array_equal(run(default), own)
+    assert cells.segments(run(default | {"segments": 5})) == 5
+    assert cells.segments(run(default | {"segments": 10**6})) == len(found.ellipsoids)
+    assert cells.segments(run(finer | {"segments": 10**6})) > len(found.ellipsoids)
 
 
 @pytest.mark.parametrize("method", PEERS, ids=lambda method: method.name)

@@ -38,6 +38,7 @@ class Method:
 
 
 ALONE = ObjectsConfig(enabled=False)  # ellipsoids without a second level
+FINE = 2.0  # threshold of smaller ellipsoids for more objects
 SEGMENTS = "segments"  # setting of a method without a dial
 DIALS = {
     "shape": Dial("threshold", 0.01, 1e6),
@@ -73,25 +74,31 @@ def ellipsoids(criterion: str) -> Method:
 
 
 def prepare_objects(points: Array) -> Run:
-    """Objects of the default segments; their hierarchy gives every number of them."""
+    """Objects of segments of the criterion shape; one hierarchy gives every number of them."""
     from ellipseg_ros.segmenter import segment  # numba, as above
 
     @cache
-    def found() -> Segmentation:
-        return segment(points, Config())
+    def found(threshold: float) -> Segmentation:
+        return segment(points, Config(threshold=threshold))
 
     def run(settings: Settings) -> Array:
-        objects = found().objects
+        segments = found(float(settings["threshold"]))
+        objects = segments.objects
         if objects is None:
             raise EllipsegError("the default settings give no objects; enable them")
         of_segment = objects.of_segment
         if SEGMENTS in settings:
             merges = objects.hierarchy.merges_for(int(settings[SEGMENTS]))
             of_segment = objects.hierarchy.after(merges)
-        return np.append(of_segment, -1)[np.maximum(found().labels, -1)]
+        return np.append(of_segment, -1)[np.maximum(segments.labels, -1)]
 
     return run
 
 
-OBJECTS = Method("objects", prepare_objects, grid=({},), dial=None)
+OBJECTS = Method(
+    name="objects",
+    prepare=prepare_objects,
+    grid=({"threshold": DEFAULT_THRESHOLDS["shape"]}, {"threshold": FINE}),
+    dial=None,
+)
 OURS = (*map(ellipsoids, CRITERIA), OBJECTS)

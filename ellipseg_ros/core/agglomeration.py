@@ -41,8 +41,8 @@ def merge_segments(
     """Merge all segments that touch, directly or through others, the best pair first.
 
     nodes (s, 24): moments of the segments' points; features (s, 4). As long as there are two that
-    touch and whose union has a standard deviation of at most `thickness`, m, across, the thinnest
-    union is made, at no cost. Then, the pair of the least cost
+    touch and whose union has a standard deviation of at most `thickness`, m, across, both weighed
+    equally, the thinnest union is made, at no cost. Then, the pair of the least cost
 
         n_a n_b / (n_a + n_b) |f_a - f_b|^2 / sqrt(edges between a and b):
 
@@ -114,23 +114,23 @@ def _offer_flat(groups, pair, limit, heap):
 
 @kernel
 def union_thickness(nodes, a, b, limit):
-    """Least variance of the union of two sets, m^2; infinite if it is above the limit."""
-    n = nodes[a, COUNT] + nodes[b, COUNT]
-    fa, fb = nodes[a, COUNT] / n, nodes[b, COUNT] / n
-    if fa * nodes[a, EIGENVALUES] + fb * nodes[b, EIGENVALUES] > limit:
+    """Least variance of the union of two sets, m^2; infinite if it is above the limit.
+
+    Both weigh the same, however many points they have: beside a wall, a post would weigh nothing.
+    """
+    if nodes[a, EIGENVALUES] + nodes[b, EIGENVALUES] > 2.0 * limit:
         return math.inf  # a union is no thinner than its parts on average (Weyl)
     dx, dy, dz = (
         nodes[b, MEAN] - nodes[a, MEAN],
         nodes[b, MEAN + 1] - nodes[a, MEAN + 1],
         nodes[b, MEAN + 2] - nodes[a, MEAN + 2],
     )
-    between = fa * fb
-    xx = fa * nodes[a, COVARIANCE] + fb * nodes[b, COVARIANCE] + between * dx * dx
-    xy = fa * nodes[a, COVARIANCE + 1] + fb * nodes[b, COVARIANCE + 1] + between * dx * dy
-    xz = fa * nodes[a, COVARIANCE + 2] + fb * nodes[b, COVARIANCE + 2] + between * dx * dz
-    yy = fa * nodes[a, COVARIANCE + 3] + fb * nodes[b, COVARIANCE + 3] + between * dy * dy
-    yz = fa * nodes[a, COVARIANCE + 4] + fb * nodes[b, COVARIANCE + 4] + between * dy * dz
-    zz = fa * nodes[a, COVARIANCE + 5] + fb * nodes[b, COVARIANCE + 5] + between * dz * dz
+    xx = 0.5 * (nodes[a, COVARIANCE] + nodes[b, COVARIANCE]) + 0.25 * dx * dx
+    xy = 0.5 * (nodes[a, COVARIANCE + 1] + nodes[b, COVARIANCE + 1]) + 0.25 * dx * dy
+    xz = 0.5 * (nodes[a, COVARIANCE + 2] + nodes[b, COVARIANCE + 2]) + 0.25 * dx * dz
+    yy = 0.5 * (nodes[a, COVARIANCE + 3] + nodes[b, COVARIANCE + 3]) + 0.25 * dy * dy
+    yz = 0.5 * (nodes[a, COVARIANCE + 4] + nodes[b, COVARIANCE + 4]) + 0.25 * dy * dz
+    zz = 0.5 * (nodes[a, COVARIANCE + 5] + nodes[b, COVARIANCE + 5]) + 0.25 * dz * dz
     # Above the limit if the matrix less the limit is positive definite (Sylvester): quicker.
     px, py, pz = xx - limit, yy - limit, zz - limit
     minor = px * py - xy * xy
