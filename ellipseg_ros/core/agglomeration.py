@@ -12,7 +12,7 @@ from ellipseg_ros.core.adjacency import Boundaries
 from ellipseg_ros.core.eigen import least_eigenvalue
 from ellipseg_ros.core.ellipsoids import COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
 from ellipseg_ros.core.heap import NOWHERE, empty_heap, remove, set_cost
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.data import Array, Hierarchy
 
 NONE = -1
@@ -101,7 +101,7 @@ def _merge_flat(groups, thickness, heap, merges):
     return count
 
 
-@kernel
+@inlined
 def _offer_flat(groups, pair, limit, heap):
     """Let a pair wait in the heap if its union is flat."""
     a, b = groups.left[pair], groups.right[pair]
@@ -156,7 +156,7 @@ def _merge_alike(groups, heap, count, merges, cost):
     while heap.size[0] > 0:
         pair = heap.item[0]
         merges[0, count], merges[1, count] = left[pair], right[pair]
-        cost[count] = heap.cost[pair]
+        cost[count] = heap.cost[0]
         link = _join(groups, pair, heap)
         while link != NONE:
             pair = link >> 1

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.data import Array
 
 NOWHERE = -1  # place of a pair that is not in the heap
@@ -13,9 +13,9 @@ NOWHERE = -1  # place of a pair that is not in the heap
 class Heap(NamedTuple):
     """Numbers 0 to n - 1, ordered by (cost, tie): the least comes first."""
 
-    cost: Array  # (n,) float64
-    tie: Array  # (n,) int64
     item: Array  # (n,) int32: the heap itself
+    cost: Array  # (n,) float64: beside `item`, where the search for a slot finds it
+    tie: Array  # (n,) int64, by number
     place: Array  # (n,) int32: where in `item` each number is, or NOWHERE
     size: Array  # (1,) int64
 
@@ -23,15 +23,15 @@ class Heap(NamedTuple):
 def empty_heap(count: int) -> Heap:
     """No number of 0 to count - 1 is in it yet."""
     return Heap(
+        item=np.empty(count, np.int32),
         cost=np.empty(count),
         tie=np.empty(count, np.int64),
-        item=np.empty(count, np.int32),
         place=np.full(count, NOWHERE, np.int32),
         size=np.zeros(1, np.int64),
     )
 
 
-@kernel
+@inlined
 def set_cost(heap, number, cost, tie):
     """Put a number in, or move it, to where its cost belongs."""
     place, size = heap.place, heap.size
@@ -39,8 +39,8 @@ def set_cost(heap, number, cost, tie):
     if slot == NOWHERE:
         slot = size[0]
         size[0] += 1
-    heap.cost[number], heap.tie[number] = cost, tie
-    _sift(number, slot, size[0], heap.cost, heap.tie, heap.item, place)
+    heap.tie[number] = tie
+    _sift(number, cost, slot, size[0], heap)
 
 
 @kernel
@@ -52,31 +52,31 @@ def remove(heap, number):
     size[0] -= 1
     last = item[size[0]]
     if last != number:
-        _sift(last, slot, size[0], heap.cost, heap.tie, item, place)
+        _sift(last, heap.cost[size[0]], slot, size[0], heap)
 
 
-@kernel
-def _sift(number, slot, size, cost, tie, item, place):
-    """Let a number that takes this slot rise or sink to its own (Williams 1964)."""
-    own, second = cost[number], tie[number]
+@inlined
+def _sift(number, own, slot, size, heap):
+    """Let a number of cost `own` that takes this slot rise or sink to its own (Williams 1964)."""
+    item, cost, tie, place = heap.item, heap.cost, heap.tie, heap.place
     while slot > 0:
         up = (slot - 1) >> 1
-        other = item[up]
-        if cost[other] < own or (cost[other] == own and tie[other] <= second):
+        if cost[up] < own or (cost[up] == own and tie[item[up]] <= tie[number]):
             break
-        item[slot], place[other] = other, slot
+        item[slot], cost[slot] = item[up], cost[up]
+        place[item[slot]] = slot
         slot = up
     while 2 * slot + 1 < size:
         child = 2 * slot + 1
-        other = item[child]
-        if child + 1 < size:
-            beside = item[child + 1]
-            if cost[beside] < cost[other] or (
-                cost[beside] == cost[other] and tie[beside] < tie[other]
-            ):
-                child, other = child + 1, beside
-        if own < cost[other] or (own == cost[other] and second <= tie[other]):
+        beside = child + 1
+        if beside < size and (
+            cost[beside] < cost[child]
+            or (cost[beside] == cost[child] and tie[item[beside]] < tie[item[child]])
+        ):
+            child = beside
+        if own < cost[child] or (own == cost[child] and tie[number] <= tie[item[child]]):
             break
-        item[slot], place[other] = other, slot
+        item[slot], cost[slot] = item[child], cost[child]
+        place[item[slot]] = slot
         slot = child
-    item[slot], place[number] = number, slot
+    item[slot], cost[slot], place[number] = number, own, slot

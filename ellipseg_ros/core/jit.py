@@ -50,6 +50,9 @@ def _may_write(folder: str) -> bool:
 
 _have_cache()
 kernel = njit(cache=True, nogil=True, error_model="numpy")
+# For a short kernel that others call in a loop with a record of arrays: every call copies and
+# counts the record's arrays, which can take longer than the work.
+inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always")
 
 THREADS = len(os.sched_getaffinity(0))
 LEAST = 2048  # rows below which a thread is not worth its start
