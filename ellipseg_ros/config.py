@@ -166,6 +166,14 @@ class Config(Checked):
         low=0,
         high=1_000_000_000,
     )
+    max_points: int = setting(
+        2_000_000,
+        "points that a window holds at most, which bounds memory and time: the oldest expire "
+        "early; 0: no limit",
+        unit="points",
+        low=0,
+        high=1_000_000_000,
+    )
     graph: GraphConfig = field(default_factory=GraphConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     objects: ObjectsConfig = field(default_factory=ObjectsConfig)

@@ -41,7 +41,7 @@ def segment(
     origin: (3,) m, subtracted first; None: whole kilometres near the cloud. With the origin of a
     window's segmentation, that one is repeated bit for bit.
     """
-    config = replace(config or Config(), max_points_per_second=0)
+    config = replace(config or Config(), max_points_per_second=0, max_points=0)
     return Segmenter(config, origin).process(Sweep(stamp_ns=0, points=points))
 
 
@@ -80,6 +80,7 @@ class Segmenter:
     _edges: Edges
     _merge: Merge
     _own: Own
+    _left_out: tuple[int, int]  # points of the last update: late, crowded out
 
     def __init__(self, config: Config | None = None, origin: Array | None = None) -> None:
         self._config = config or Config()
@@ -129,6 +130,7 @@ class Segmenter:
             self.reset(restart)
         self._before = and_then(self._before, sweep)
         push = self._window.push(sweep, self._config)
+        self._left_out = push.late, push.crowded_out
         if self._neighbours.count == 0:  # a new graph of, perhaps, an old window
             push = self._window.everything()
         self._make_room(len(push.arrived))
@@ -202,6 +204,8 @@ class Segmenter:
             last_seen_ns=times[:, 1],
             start_ns=self._window.start_ns,
             end_ns=self._window.end_ns,
+            late=self._left_out[0],
+            crowded_out=self._left_out[1],
             sequence=self._sequence,
             restart=self._restart,
             threshold_change=self._threshold_change,

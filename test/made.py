@@ -87,6 +87,8 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "last_seen_ns": end_ns - rng.integers(0, 10**10, segments),
         "start_ns": end_ns - 25_000_000_000,
         "end_ns": end_ns,
+        "late": 3,
+        "crowded_out": 5,
         "sequence": 0,
         "restart": "",
         "threshold_change": "tuned",

@@ -23,19 +23,46 @@ def times(found):
     return [float(x) for x in found.points[:, 0]]
 
 
-def test_the_window_is_that_of_a_plain_model():
-    config = Config(window_duration=0.9)
+@pytest.mark.parametrize("limit", [0, 7, 25])
+def test_the_window_is_that_of_a_plain_model(limit):
+    config = Config(window_duration=0.9, max_points=limit)
     length = round(config.window_duration * SECOND)
-    window, model, end = Window(), [], None
+    window, inside, end, arrived, crowded = Window(), [], None, 0, 0
     for number, s in enumerate(wild_stream(np.random.default_rng(0), 300)):
-        window.push(s, config)
-        serial = model[-1][1] + 1 if model else 0
-        model += [(int(t), serial + k) for k, t in enumerate(s.times_ns)]
+        push = window.push(s, config)
+        inside += [(int(t), arrived + k) for k, t in enumerate(s.times_ns)]
+        arrived += len(s)
         end = max([*([end] if number else []), *map(int, s.times_ns)], default=s.stamp_ns)
-        inside = [(t, k) for t, k in model if end - length < t <= end]
+        late = sum(int(t) <= end - length for t in s.times_ns)
+        inside = [(t, k) for t, k in inside if end - length < t]
+        surplus = max(0, len(inside) - limit) if limit else 0
+        early = sorted(inside)[:surplus]
+        inside = [point for point in inside if point not in early]
         found = window.points
         assert list(zip(found.times_ns, found.arrival, strict=True)) == inside
-        assert (window.start_ns, window.end_ns) == (end - length, end)
+        assert (push.late, push.crowded_out) == (late, surplus)
+        assert window.end_ns == end and window.start_ns >= end - length
+        assert (found.times_ns > window.start_ns).all()
+        assert surplus or window.start_ns == end - length
+        crowded += surplus
+    assert bool(crowded) == bool(limit)
+
+
+def test_a_crowded_window_equals_batch():
+    segmenter = Segmenter(Config(window_duration=2.0, max_points=150))
+    crowded = 0
+    for s in wild_stream(np.random.default_rng(3), 60):
+        found = segmenter.process(s)
+        assert len(found.points) <= 150
+        assert_batch(found, segmenter.config)
+        crowded += found.crowded_out
+    assert crowded
+
+
+def test_a_cloud_beyond_the_limit_keeps_its_newest_points():
+    found = Segmenter(Config(max_points=3)).process(sweep(5.0, 1.0, 4.0, 2.0, 4.0, 4.0, 4.0))
+    assert list(found.arrival) == [3, 4, 5] and found.crowded_out == 3
+    assert found.start_ns < 4 * SECOND == found.end_ns
 
 
 def test_a_point_of_just_the_windows_length_ago_is_out():

@@ -29,6 +29,8 @@ class Push(NamedTuple):
     arrived: Array  # (m, 3) float64, m, local origin
     serial: Array  # (m,) int64: their serial numbers
     expired: Array  # (e,) int64: serial numbers, among those that took part; ascending
+    late: int = 0  # new points, of any fate, that were older than the window already
+    crowded_out: int = 0  # points, old or new, that expired early for `max_points`
 
 
 class Window:
@@ -83,8 +85,10 @@ class Window:
 
         old = self.points
         gone = old.times_ns <= self.start_ns
-        expired = old.arrival[gone & (old.fate == TAKES_PART)]
         late = times <= self.start_ns  # possible, within max_lateness of a short window
+        too_late = int(late.sum())
+        crowded_out = self._make_room(gone, times, late, config.max_points)
+        expired = old.arrival[gone & (old.fate == TAKES_PART)]
         comes = takes_part & ~late
         arrived = chosen(new.position, comes) - self.origin
         serial = chosen(new.arrival, comes)
@@ -93,13 +97,33 @@ class Window:
         if len(sweep) or not self.started:
             self.frame_id = sweep.frame_id
         self.started = True
-        return Push(arrived, serial, expired)
+        return Push(arrived, serial, expired, too_late, crowded_out)
 
     def everything(self) -> Push:
         """All points that take part, as if they had just arrived."""
         comes = self.points.fate == TAKES_PART
         local = self.points.position[comes] - self.origin
         return Push(local, self.points.arrival[comes], np.zeros(0, np.int64))
+
+    def _make_room(self, gone: Array, times: Array, late: Array, limit: int) -> int:
+        """Let the oldest points expire early, where more than `limit` would stay; how many.
+
+        Of points of one time, those that came first. Marks them in `gone` and `late`.
+        """
+        stay, come = np.flatnonzero(~gone), np.flatnonzero(~late)
+        surplus = len(stay) + len(come) - limit
+        if limit == 0 or surplus <= 0:
+            return 0
+        age = np.concatenate([self.points.times_ns[stay], times[come]])
+        newest = np.partition(age, surplus - 1)[surplus - 1]
+        older = age < newest
+        same = np.flatnonzero(age == newest)
+        first = same[: surplus - int(older.sum())]
+        older[first] = True
+        gone[stay[older[: len(stay)]]] = True
+        late[come[older[len(stay) :]]] = True
+        self.start_ns = int(newest) - (len(first) < len(same))
+        return surplus
 
     def _move(self, gone: Array, new: Points, fields: Array | None, stays: Array) -> None:
         """Drop the old rows that are `gone`, add the new ones that stay."""

@@ -30,7 +30,7 @@ class Health:
     Levels of the report, each over the time since the last one:
     ERROR: clouds came and every one was rejected.
     WARN: no cloud for 5 s (or none yet); clouds rejected or lost; updates taken together or given
-        up; the frame looks like a sensor's.
+        up; points expired early for `max_points`; the frame looks like a sensor's.
     OK: else.
     """
 
@@ -78,6 +78,8 @@ class Health:
         """An update was published. Both times in s; latency: since its last cloud arrived."""
         with self._lock:
             self._total["updates"] += 1
+            self._total["late"] += found.late
+            self._total["crowded out"] += found.crowded_out
             self._processing.append(processing)
             self._latency.append(latency)
             if found.restart:
@@ -119,6 +121,8 @@ class Health:
         for name in ("joined", "given up"):
             if new[name]:
                 warnings.append(f"too slow: {new[name]} updates {name}")
+        if new["crowded out"]:
+            warnings.append(f"max_points reached: {new['crowded out']} points expired early")
         if self.sensor_frame:
             warnings.append(f"frame {self.sensor_frame} looks like a sensor's")
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
@@ -131,6 +135,8 @@ class Health:
             "clouds rejected": str(total["rejected"]),
             **{f"clouds rejected: {why}": str(n) for why, n in sorted(self._rejected.items())},
             "clouds lost by DDS": str(total["lost"]),
+            "points late": str(total["late"]),
+            "points expired early": str(total["crowded out"]),
             "updates": str(total["updates"]),
             "updates waiting": str(waiting),
             "updates joined": str(total["joined"]),

@@ -44,7 +44,7 @@ class Graph:
 
 def graph_of(points: Array, config: Config, origin: Array | None = None) -> Graph:
     """The graph of points (n, 3), m, by the stages of `segment`; with the same arguments."""
-    config = replace(config, max_points_per_second=0)
+    config = replace(config, max_points_per_second=0, max_points=0)
     push = Window(origin).push(Sweep(stamp_ns=0, points=points), config)
     count = len(push.arrived)
     neighbours, merge = Neighbours(config.graph), Merge()

@@ -17,13 +17,15 @@ def clock(monkeypatch):
     return now
 
 
-def window(restart="", change=""):
+def window(restart="", change="", late=0, crowded_out=0):
     return SimpleNamespace(
         restart=restart,
         counts=Counts(90, 5, 3, 2),
         frame_id="odom",
         start_ns=0,
         end_ns=20 * SECOND,
+        late=late,
+        crowded_out=crowded_out,
         ids=range(7),
         criterion="shape",
         threshold=4.0,
@@ -53,6 +55,18 @@ def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
     found.cloud()
     clock.s += 5.1
     assert found.report(0).message == "no cloud for 5 s"
+    found.cloud()
+    assert found.report(0).level == OK
+
+
+def test_points_that_left_no_trace_are_told(clock):
+    found = Health()
+    found.cloud()
+    found.updated(window(late=3, crowded_out=40), 0.1, 0.2)
+    report = found.report(0)
+    assert report.level == WARN
+    assert report.message == "max_points reached: 40 points expired early"
+    assert (report.values["points late"], report.values["points expired early"]) == ("3", "40")
     found.cloud()
     assert found.report(0).level == OK
 
