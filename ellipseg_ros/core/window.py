@@ -108,22 +108,21 @@ class Window:
     def _make_room(self, gone: Array, times: Array, late: Array, limit: int) -> int:
         """Let the oldest points expire early, where more than `limit` would stay; how many.
 
-        Of points of one time, those that came first. Marks them in `gone` and `late`.
+        Points of one time go together, unless that would be all. Marks them in `gone` and `late`.
         """
         stay, come = np.flatnonzero(~gone), np.flatnonzero(~late)
         surplus = len(stay) + len(come) - limit
         if limit == 0 or surplus <= 0:
             return 0
         age = np.concatenate([self.points.times_ns[stay], times[come]])
-        newest = np.partition(age, surplus - 1)[surplus - 1]
-        older = age < newest
-        same = np.flatnonzero(age == newest)
-        first = same[: surplus - int(older.sum())]
-        older[first] = True
-        gone[stay[older[: len(stay)]]] = True
-        late[come[older[len(stay) :]]] = True
-        self.start_ns = int(newest) - (len(first) < len(same))
-        return surplus
+        self.start_ns = int(np.partition(age, surplus - 1)[surplus - 1])
+        early = age <= self.start_ns
+        if early.all():
+            self.start_ns -= 1
+            early[np.flatnonzero(age > self.start_ns)[surplus - len(early) :]] = False
+        gone[stay[early[: len(stay)]]] = True
+        late[come[early[len(stay) :]]] = True
+        return int(early.sum())
 
     def _move(self, gone: Array, new: Points, fields: Array | None, stays: Array) -> None:
         """Drop the old rows that are `gone`, add the new ones that stay."""
