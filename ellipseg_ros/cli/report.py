@@ -30,6 +30,8 @@ class Meter:
     points: int = 0  # read in all
     sensor_ns: int = 0  # time that the data span, restarts taken out
     restarts: int = 0
+    late: int = 0  # points older than the window when they came
+    crowded_out: int = 0  # points that `max_points` let expire early
     started: float = field(default_factory=time.perf_counter)
     last: Segmentation | None = None
 
@@ -51,6 +53,8 @@ class Meter:
         )
         self.sensor_ns += max(0, found.end_ns - begin)
         self.restarts += bool(found.restart)
+        self.late += found.late
+        self.crowded_out += found.crowded_out
         self.last = found
 
     def summary(self) -> Summary:
@@ -61,6 +65,8 @@ class Meter:
             "updates": len(self.times_s),
             "restarts": self.restarts,
             "points": self.points,
+            "points_late": self.late,
+            "points_expired_early": self.crowded_out,
             "sensor_s": round(sensor, 3),
             "wall_s": round(wall, 3),
             "times_real_time": round(sensor / wall, 2) if sensor else None,
@@ -158,6 +164,10 @@ def _run_rows(summary: Summary) -> Iterator[tuple[str, str]]:
     restarts = f", {summary['restarts']} restarts" if summary["restarts"] else ""
     yield "updates", f"{summary['updates']}{restarts}"
     yield "points read", f"{summary['points']:,}"
+    if summary["points_late"]:
+        yield "  late", f"{summary['points_late']:,}: older than the window when they came"
+    if summary["points_expired_early"]:
+        yield "  expired early", f"{summary['points_expired_early']:,}: `max_points` was reached"
     if summary["times_real_time"]:
         took = f"{summary['sensor_s']:.1f} s of data in {summary['wall_s']:.1f} s"
         yield "speed", f"{took}: {summary['times_real_time']:g} x real time"
