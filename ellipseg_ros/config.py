@@ -214,6 +214,14 @@ class NodeConfig(Checked):
         low=0,
         high=1000,
     )
+    full_segments_period: float = setting(
+        0.0,
+        "sensor time between two messages on `segments` that list everything, those between list "
+        "changes; 0: all list everything",
+        unit="s",
+        low=0.0,
+        high=86400.0,
+    )
     auto_tune_period: float = setting(
         0.0,
         "sensor time between two tunings of the threshold by the node itself; 0: never",

@@ -230,7 +230,7 @@ class Objects:
     hierarchy: Hierarchy  # from which the objects are cut
     ids: Array  # (o,) uint32, from 1, never used twice in a run; apart from those of segments
     state: Array  # (o,) uint8, see State
-    removed: Array  # (r,) uint32: ids that the last update had and this one has not
+    parents: Ragged  # (o,) rows of uint32: other old ids that gave points to the object
 
     def __len__(self) -> int:
         return len(self.count)
@@ -311,6 +311,7 @@ class Segmentation:
     parents: Ragged  # (s,) rows of uint32: other old ids that gave points to the segment
     removed: Array  # (r,) uint32: ids that the last update had and this one has not
     objects: Objects | None  # None: not asked for
+    removed_objects: Array  # (r,) uint32: ids that the last update had and this one has not
     first_seen_ns: Array  # (s,) int64: time of the oldest point
     last_seen_ns: Array  # (s,) int64: of the newest
 

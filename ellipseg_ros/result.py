@@ -59,7 +59,7 @@ def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
         hierarchy=level.hierarchy,
         ids=tracks.ids,
         state=tracks.state,
-        removed=tracks.removed,
+        parents=tracks.parents,
     )
 
 

@@ -180,6 +180,7 @@ class Segmenter:
         self._own = Own(own, times)
         facts = np.column_stack([own[:, : MEAN + 3], own[:, COVARIANCE:], merged.aicc])
         tracks = self._tracker.assign(now.arrival, labels, facts, merged.before)
+        objects, removed_objects = self._objects(labels, merged.labels, own)
         model = self._merge.nodes[merged.roots]
         for column in (labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
@@ -199,7 +200,8 @@ class Segmenter:
             state=tracks.state,
             parents=tracks.parents,
             removed=tracks.removed,
-            objects=self._objects(labels, merged.labels, own),
+            objects=objects,
+            removed_objects=removed_objects,
             first_seen_ns=times[:, 0],
             last_seen_ns=times[:, 1],
             start_ns=self._window.start_ns,
@@ -214,10 +216,13 @@ class Segmenter:
         self._restart = self._threshold_change = ""
         return found
 
-    def _objects(self, labels: Array, rows: Array, own: Array) -> Objects | None:
-        """Group the segments; labels of the window's points, and of the graph's rows."""
+    def _objects(self, labels: Array, rows: Array, own: Array) -> tuple[Objects | None, Array]:
+        """Group the segments; labels of the window's points, and of the graph's rows.
+
+        Returns the ids of objects that are no more, too.
+        """
         if not self._config.objects.enabled:
-            return None
+            return None, self._object_tracker.end()
         graph = self._neighbours
         level = find_objects(graph, self._merge.nodes, rows, own, self._config.objects)
         object_labels = np.append(level.of_segment, np.int32(-1))[np.maximum(labels, -1)]
@@ -226,4 +231,4 @@ class Segmenter:
         tracks = self._object_tracker.assign(arrival, object_labels, facts)
         for column in (object_labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
-        return object_records(level, tracks, self._window.origin)
+        return object_records(level, tracks, self._window.origin), tracks.removed

@@ -33,6 +33,13 @@ def ellipsoids(count, rng):
     )
 
 
+def parents(count, rng):
+    """Random ids for `count` things, none to three each."""
+    lengths = rng.integers(0, 4, count)
+    values = rng.integers(1, 99, lengths.sum()).astype(np.uint32)
+    return Ragged(np.append(0, np.cumsum(lengths)), values)
+
+
 def objects(labels, of_segment, rng):
     """Objects with random records; labels (n,) of the points, of_segment (s,) rows of objects."""
     o = int(of_segment.max(initial=-1)) + 1
@@ -52,7 +59,7 @@ def objects(labels, of_segment, rng):
         hierarchy=Hierarchy(*(np.zeros(0, kind) for kind in "iid"), len(of_segment)),
         ids=rng.permutation(np.arange(1, o + 1)).astype(np.uint32),
         state=rng.integers(0, len(State), o).astype(np.uint8),
-        removed=np.array([5, 55], np.uint32),
+        parents=parents(o, rng),
     )
 
 
@@ -61,7 +68,6 @@ def segmentation(points=400, segments=20, seed=0, **changes):
     rng = np.random.default_rng(seed)
     labels = rng.integers(-3, segments, points).astype(np.int32)
     count = np.bincount(labels[labels >= 0], minlength=segments)
-    lengths = rng.integers(0, 4, segments)
     _, of_segment = np.unique(rng.integers(0, 1 + segments // 3, segments), return_inverse=True)
     end_ns = 1_700_000_000_123_456_789
     made = {
@@ -78,11 +84,10 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "frame_id": "odom",
         "ids": rng.permutation(np.arange(1, segments + 1)).astype(np.uint32),
         "state": rng.integers(0, len(State), segments).astype(np.uint8),
-        "parents": Ragged(
-            np.append(0, np.cumsum(lengths)), rng.integers(1, 99, lengths.sum()).astype(np.uint32)
-        ),
+        "parents": parents(segments, rng),
         "removed": np.array([77, 78], np.uint32),
         "objects": objects(labels, of_segment.astype(np.int32), rng),
+        "removed_objects": np.array([5, 55], np.uint32),
         "first_seen_ns": end_ns - rng.integers(10**10, 2 * 10**10, segments),
         "last_seen_ns": end_ns - rng.integers(0, 10**10, segments),
         "start_ns": end_ns - 25_000_000_000,

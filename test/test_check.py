@@ -1,14 +1,15 @@
 """The demo's check lets nothing wrong pass."""
 
+import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ellipseg_ros.cli.check import Check, Received
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import SECOND, Sweep
+from ellipseg_ros.data import SECOND, State, Sweep
+from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.segmenter import Segmenter
@@ -35,9 +36,13 @@ def stream():
 
 def said(found):
     """What a faultless node publishes."""
-    counts = vars(found.counts)
+    segments = write_segments(found)
     return Received(
-        write_labelled(found), found.point_ids, write_segments(found), SimpleNamespace(**counts)
+        write_labelled(found),
+        found.point_ids,
+        found.point_object_ids,
+        segments,
+        node_types().deserialize_cdr(segments, TYPES["/segments"]),
     )
 
 
@@ -74,8 +79,7 @@ def test_a_lost_point_fails(stream, count):
     def spoil(k, node):
         if k != 3:
             return node
-        numbers = vars(node.counts)
-        return replace(node, counts=SimpleNamespace(**numbers | {count: numbers[count] + 1}))
+        return replace(node, said=replace(node.said, **{count: getattr(node.said, count) + 1}))
 
     check = checked(stream, spoil)
     assert not check.passed and check.accounted == 4
@@ -109,3 +113,64 @@ def test_a_restart_expires_everything(stream):
         found = segmenter.process(group)
         check.update(group, found, said(found))
     assert check.passed and check.expired == 200
+
+
+def spoilt(level, **changes):
+    """The fourth update with another first updated segment, or object (`level`) of many points."""
+
+    def spoil(k, node):
+        if k != 3:
+            return node
+        things = list(getattr(node.said, level))
+        k = next(k for k, one in enumerate(things) if one.state == State.UPDATED)
+        things[k] = replace(
+            things[k],
+            **{name: change(getattr(things[k], name)) for name, change in changes.items()},
+        )
+        return replace(node, said=replace(node.said, **{level: things}))
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("level", "changes", "problem"),
+    [
+        ("segments", {"parents": lambda ids: [*ids, 999_999]}, "segments: .* parents"),
+        ("objects", {"parents": lambda ids: [*ids, 999_999]}, "objects: .* parents"),
+        ("segments", {"state": lambda _: State.NEW}, "state 0, and was there before"),
+        ("objects", {"state": lambda _: State.UNCHANGED}, "its points are others"),
+        ("segments", {"count": lambda count: count + 1}, "segments: the counts"),
+        ("objects", {"count": lambda count: count - 1}, "objects: the counts"),
+        ("segments", {"object_id": lambda _: 999_999}, "object is not that of its segment"),
+        ("objects", {"segments": lambda ids: ids[:-1]}, "lists other segments"),
+    ],
+)
+def test_what_cannot_be_of_a_segment_or_an_object_fails(stream, level, changes, problem):
+    check = checked(stream, spoilt(level, **changes))
+    assert check.accounted == check.identical == 5 and check.conserved == 4 and not check.passed
+    assert re.search(problem, "\n".join(check.problems))
+
+
+@pytest.mark.parametrize("name", ["removed", "removed_objects"])
+def test_other_removed_ids_than_there_are_fail(stream, name):
+    def spoil(k, node):
+        ids = np.append(getattr(node.said, name), 999_999) if k == 3 else getattr(node.said, name)
+        return replace(node, said=replace(node.said, **{name: ids}))
+
+    check = checked(stream, spoil)
+    assert check.conserved == 4 and "removed ids" in check.problems[0]
+
+
+def test_a_point_in_another_object_than_its_segment_fails(stream):
+    def spoil(k, node):
+        objects = node.objects.copy()
+        objects[np.flatnonzero(objects)[0]] += 1
+        return replace(node, objects=objects)
+
+    assert checked(stream, spoil).conserved == 0
+
+
+def test_changes_that_do_not_follow_fail(stream):
+    check = checked(stream, lambda k, node: replace(node, said=replace(node.said, full=k != 0)))
+    assert check.conserved == 3 and not check.passed
+    assert check.problems[0] == "update 1 does not follow the one before"

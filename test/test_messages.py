@@ -85,6 +85,7 @@ def plain_object(found, row):
         cylindricality=float(objects.cylindricality[row]),
         sphericity=float(objects.sphericity[row]),
         segments=np.sort(found.ids[objects.of_segment == row]),
+        parents=objects.parents[row],
     )
 
 
@@ -109,7 +110,7 @@ def plain_segments(found):
         objects=[plain_object(found, row) for row in np.argsort(found.objects.ids)]
         if found.objects is not None
         else [],
-        removed_objects=np.zeros(0, np.uint32) if found.objects is None else found.objects.removed,
+        removed_objects=found.removed_objects,
     )
 
 
@@ -206,7 +207,9 @@ def test_segments_are_read_by_ros_itself():
     assert list(read.objects[0].segments) == sorted(
         segment.id for segment in read.segments if segment.object_id == 1
     )
-    assert list(read.removed_objects) == found.objects.removed.tolist()
+    assert list(read.removed_objects) == found.removed_objects.tolist()
+    first = int(np.argmin(found.objects.ids))
+    assert list(read.objects[0].parents) == found.objects.parents[first].tolist()
     row = int(np.argmax(found.ids))
     assert list(read.segments[-1].parents) == found.parents[row].tolist()
     assert read.segments[-1].sphericity == found.ellipsoids.sphericity[row]

@@ -242,11 +242,11 @@ def test_ids_stay_with_objects_while_the_window_moves():
         assert len(set(objects.ids)) == len(objects)
         if before is not None:
             ended = np.setdiff1d(before.objects.ids, objects.ids)
-            assert np.array_equal(objects.removed, ended)
+            assert np.array_equal(found.removed_objects, ended)
             large = before.objects.count > 500
             stayed = np.isin(before.objects.ids[large], objects.ids)
             assert stayed.mean() > 0.7
         before = found
     segmenter.reset()
     last = segmenter.process(Sweep(0, np.zeros((0, 3))))
-    assert np.array_equal(last.objects.removed, np.sort(before.objects.ids))
+    assert np.array_equal(last.removed_objects, np.sort(before.objects.ids))

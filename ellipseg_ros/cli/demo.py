@@ -148,7 +148,7 @@ def _check(
     """Segment the source offline, and compare update by update with what the node published."""
     say("checking: the same offline ...", args)
     warm_up()
-    check, meter = Check(live.updates), Meter()
+    check, meter = Check(live.updates, settings.node), Meter()
     with progress(live.updates, "updates", args) as bar:
         node = received(folder / BAG)
         for group, found in run_updates(source, settings.config, meter):

@@ -47,6 +47,11 @@ class Tracker:
         self._gone = np.concatenate([self._gone, self._ids])
         self._forget()
 
+    def end(self) -> Array:
+        """End all segments; returns their ids, (r,) uint32 ascending. New ids go on."""
+        nothing = np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros((0, 1))
+        return self.assign(*nothing).removed
+
     def _forget(self) -> None:
         self._arrival = np.zeros(0, np.int64)  # points of the last window
         self._labels = np.zeros(0, np.int32)  # their rows in the next two

@@ -25,8 +25,9 @@ import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation, Sweep
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.messages import Markers
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
+from ellipseg_ros.io.stream import SegmentStream
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TYPES = {
@@ -170,6 +171,7 @@ class BagSink:
             raise InputError(f"{path} exists already; give a bag that is to be made", "exists")
         self.path = path
         self._markers = Markers(config or NodeConfig())
+        self._segments = SegmentStream(config or NodeConfig())
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> "BagSink":
@@ -204,7 +206,7 @@ class BagSink:
         """What the node publishes of one update, at the time of its newest point."""
         self.write("/segmented_points", found.end_ns, write_labelled(found))
         self.write("/ellipsoids", found.end_ns, self._markers.update(found))
-        self.write("/segments", found.end_ns, write_segments(found))
+        self.write("/segments", found.end_ns, self._segments.update(found))
 
     def write(self, topic: str, time_ns: int, message: bytes) -> None:
         """A serialized message of one of the TYPES."""

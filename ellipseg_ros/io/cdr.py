@@ -65,7 +65,7 @@ class Cdr:
 
         columns: name -> (n,) or (n, k) numbers of 1, 4 or 8 bytes, or (n,) texts (see `texts`), in
             the order of the message's fields, the first of 4 bytes. Names are free.
-        tail: n rows of 4-byte numbers: a sequence of its own that closes each record.
+        tail: n rows of uint32 that close each record: its sequences, see `sequences`.
         """
         count = len(next(iter(columns.values())))
         self.put("I", count)
@@ -85,6 +85,18 @@ def texts(value: str, count: int) -> Array:
     return np.full(count, np.array((len(encoded), encoded), layout))
 
 
+def sequences(*parts: Ragged) -> Ragged:
+    """Sequences of 4-byte numbers that follow one another in n records, each behind its length."""
+    lengths = np.array([np.diff(part.starts) for part in parts])
+    ends = np.cumsum((lengths + 1).T).reshape(lengths.T.shape).T  # of every sequence
+    words = np.empty(ends[-1, -1] if ends.size else 0, np.uint32)
+    for part, length, end in zip(parts, lengths, ends, strict=True):
+        words[end - length - 1] = length
+        shift = np.repeat(end - length - part.starts[:-1], length)
+        words[np.arange(len(shift)) + shift] = part.values
+    return Ragged(np.append(0, ends[-1]), words)
+
+
 def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Array:
     """The bytes of n records of which the first begins at `start`, a multiple of 4.
 
@@ -92,7 +104,7 @@ def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Arra
     it, so there are two layouts. Which one a record has follows from the lengths of the tails.
     """
     count = len(next(iter(columns.values())))
-    layouts = {phase: _layout(columns, phase, tail is not None) for phase in (0, 4)}
+    layouts = {phase: _layout(columns, phase) for phase in (0, 4)}
     extra = np.zeros(count, np.int64) if tail is None else 4 * np.diff(tail.starts)
     phases = _phases(start % 8, {phase: kind.itemsize for phase, kind in layouts.items()}, extra)
     sizes = np.where(phases == 0, layouts[0].itemsize, layouts[4].itemsize)
@@ -103,15 +115,13 @@ def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Arra
         block = np.zeros(len(rows), layout)
         for name, column in columns.items():
             block[name] = column[rows]
-        if tail is not None:
-            block["tail length"] = extra[rows] // 4
         begins = (ends - extra - sizes)[rows] // 4
         within = np.arange(layout.itemsize // 4)
         words[begins[:, None] + within] = block.view(np.uint32).reshape(len(rows), len(within))
     if tail is not None:
         shift = np.repeat((ends - extra) // 4 - tail.starts[:-1], np.diff(tail.starts))
-        words[np.arange(len(shift)) + shift] = tail.values.astype(np.uint32)
-    end = sizes[-1] - _layout(columns, int(phases[-1]), tail is not None, padded=False).itemsize
+        words[np.arange(len(shift)) + shift] = tail.values
+    end = sizes[-1] - _layout(columns, int(phases[-1]), padded=tail is not None).itemsize
     return words.view(np.uint8)[: len(words) * 4 - end]
 
 
@@ -127,15 +137,11 @@ def _phases(first: int, sizes: dict[int, int], extra: Array) -> Array:
     return phases
 
 
-def _layout(
-    columns: dict[str, Array], start: int, tail: bool, padded: bool = True
-) -> np.dtype[Any]:
-    """A record that begins at `start` modulo 8; `padded` to where the next one may begin."""
+def _layout(columns: dict[str, Array], start: int, padded: bool = True) -> np.dtype[Any]:
+    """A record that begins at `start` modulo 8; `padded` to where 4-byte numbers may follow."""
     kinds: dict[str, np.dtype[Any]] = {
         name: np.dtype((c.dtype, c.shape[1:])) for name, c in columns.items()
     }
-    if tail:
-        kinds["tail length"] = np.dtype("<u4")
     offsets = []
     place = start
     for kind in kinds.values():

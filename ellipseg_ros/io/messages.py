@@ -1,11 +1,13 @@
 """Segmentation -> SegmentArray and MarkerArray, as serialized messages."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ellipseg_ros.colours import id_colours, shape_colours
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import SECOND, Array, Objects, Ragged, Segmentation, State
-from ellipseg_ros.io.cdr import Cdr, texts
+from ellipseg_ros.io.cdr import Cdr, sequences, texts
 
 SPHERE = 2  # of visualization_msgs/Marker
 ADD, DELETE, DELETE_ALL = 0, 2, 3
@@ -20,10 +22,18 @@ GOLDEN = 0.618033988749895  # multiples of it, modulo 1, are spread evenly
 # --- segments --------------------------------------------------------------------------------
 
 
-def write_segments(found: Segmentation) -> bytes:
-    """A serialized ellipseg_ros/SegmentArray, in ascending order of id."""
+class Listed(NamedTuple):
+    """What a message of changes lists of s segments and o objects."""
+
+    segments: Array  # (s,) bool
+    objects: Array  # (o,) bool
+
+
+def write_segments(found: Segmentation, listed: Listed | None = None) -> bytes:
+    """A serialized ellipseg_ros/SegmentArray, in ascending order of id; listed: None for all."""
     out = Cdr()
     out.header(found.end_ns, found.frame_id)
+    out.put("I?", found.sequence, listed is None)
     out.time(found.start_ns)
     out.time(found.end_ns)
     out.text(found.criterion)
@@ -32,25 +42,31 @@ def write_segments(found: Segmentation) -> bytes:
     out.put("d", found.aicc)
     counts = found.counts
     out.put("IIII", counts.segmented, counts.isolated, counts.rejected, counts.thinned)
-    out.put("?I", True, found.sequence)
-    order = np.argsort(found.ids, kind="stable")
+    order = _ascending(found.ids, None if listed is None else listed.segments)
     columns = {name: column[order] for name, column in _segment_columns(found).items()}
-    out.records(columns, _rows(found.parents, order))
+    out.records(columns, sequences(_rows(found.parents, order)))
     out.numbers(np.sort(found.removed).astype(np.uint32))
-    _write_objects(out, found)
+    if found.objects is None:
+        out.put("I", 0)
+    else:
+        order = _ascending(found.objects.ids, None if listed is None else listed.objects)
+        _write_objects(out, found.objects, found.ids, order)
+    out.numbers(np.sort(found.removed_objects).astype(np.uint32))
     return out.bytes()
 
 
-def _write_objects(out: Cdr, found: Segmentation) -> None:
-    """The objects in ascending order of id, and the ids of the removed ones; or none of both."""
-    objects = found.objects
-    if objects is None:
-        out.put("II", 0, 0)
-        return
-    order = np.argsort(objects.ids, kind="stable")
+def _ascending(ids: Array, listed: Array | None) -> Array:
+    """The rows that are listed, in ascending order of id."""
+    order = np.argsort(ids, kind="stable")
+    return order if listed is None else order[listed[order]]
+
+
+def _write_objects(out: Cdr, objects: Objects, ids: Array, order: Array) -> None:
+    """The objects of these rows; ids (s,) of all segments."""
     columns = {name: column[order] for name, column in _object_columns(objects).items()}
-    out.records(columns, _member_ids(found.ids, objects.of_segment, order))
-    out.numbers(np.sort(objects.removed).astype(np.uint32))
+    by_object = np.lexsort((ids, objects.of_segment))
+    members = Ragged(objects.members.starts, ids[by_object])
+    out.records(columns, sequences(_rows(members, order), _rows(objects.parents, order)))
 
 
 def _object_columns(objects: Objects) -> dict[str, Array]:
@@ -67,15 +83,6 @@ def _object_columns(objects: Objects) -> dict[str, Array]:
         "cylindricality": objects.cylindricality,
         "sphericity": objects.sphericity,
     }
-
-
-def _member_ids(ids: Array, of_segment: Array, order: Array) -> Ragged:
-    """Ids of the segments (s,) of every object, ascending; the objects in a given order."""
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    by_object = np.lexsort((ids, rank[of_segment]))
-    counts = np.bincount(of_segment, minlength=len(order))[order]
-    return Ragged(np.append(0, np.cumsum(counts)), ids[by_object].astype(np.uint32))
 
 
 def _segment_columns(found: Segmentation) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""What waits for the worker, in the order of arrival: updates, resets, wishes for markers."""
+"""What waits for the worker, in the order of arrival: updates, resets, wishes for all of it."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -32,7 +32,12 @@ class ShowAll:
     """Somebody new wants to see every marker."""
 
 
-Task = Update | Reset | ShowAll
+@dataclass(frozen=True)
+class ListAll:
+    """Somebody new wants to know every segment."""
+
+
+Task = Update | Reset | ShowAll | ListAll
 
 
 @dataclass(frozen=True)

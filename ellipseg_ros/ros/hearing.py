@@ -50,6 +50,15 @@ def hear(
     node.create_subscription(DiagnosticArray, "/diagnostics", diagnosed, DEPTH)
 
 
+def update_number(data: bytes) -> int:
+    """`sequence` of a serialized SegmentArray, which stands behind the header."""
+    order = "<" if data[1] & 1 else ">"
+    (length,) = struct.unpack_from(f"{order}I", data, 12)  # of frame_id
+    behind = 16 + length
+    (number,) = struct.unpack_from(f"{order}I", data, behind + -behind % 4)
+    return int(number)
+
+
 def header_time(data: bytes) -> int:
     """Stamp of a serialized message that begins with a std_msgs/Header, ns."""
     order = "<" if data[1] & 1 else ">"

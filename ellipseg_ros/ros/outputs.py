@@ -13,6 +13,7 @@ from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation
 from ellipseg_ros.io.messages import Markers, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.io.stream import SegmentStream
 from ellipseg_ros.msg import SegmentArray
 
 DEPTH = 10  # messages kept for a slow subscriber; all topics are reliable
@@ -22,38 +23,47 @@ FAREWELL = Duration(seconds=0.2)  # that subscribers get to acknowledge the last
 class Outputs:
     """Publishes what was found; for one thread.
 
-    new_viewer: called, in the thread of the callbacks, when somebody subscribes to `ellipsoids`.
+    new_viewer, new_listener: called, in the thread of the callbacks, when somebody subscribes to
+    `ellipsoids`, and to `segments`.
     """
 
-    def __init__(self, node: Node, new_viewer: Callable[[], object]) -> None:
-        def matched(event: QoSPublisherMatchedInfo) -> None:
-            if event.current_count_change > 0:
-                new_viewer()
-
+    def __init__(
+        self, node: Node, new_viewer: Callable[[], object], new_listener: Callable[[], object]
+    ) -> None:
         self._points = node.create_publisher(PointCloud2, "segmented_points", DEPTH)
         self._ellipsoids = node.create_publisher(
             MarkerArray,
             "ellipsoids",
             DEPTH,
-            event_callbacks=PublisherEventCallbacks(matched=matched),
+            event_callbacks=_when_matched(new_viewer),
         )
-        self._segments = node.create_publisher(SegmentArray, "segments", DEPTH)
+        self._segments = node.create_publisher(
+            SegmentArray, "segments", DEPTH, event_callbacks=_when_matched(new_listener)
+        )
         self._markers = Markers(NodeConfig())
+        self._stream = SegmentStream(NodeConfig())
         self._latest: Segmentation | None = None
 
     def publish(self, found: Segmentation, shown: NodeConfig) -> None:
         """Send an update; `segments` comes last, so that it tells that all is sent."""
         self._latest = found
         self._markers.configure(shown)
+        self._stream.configure(shown)
         send(self._points, lambda: write_labelled(found))
         send(self._ellipsoids, lambda: self._markers.update(found))
-        send(self._segments, lambda: write_segments(found))
+        send(self._segments, lambda: self._stream.update(found))
 
     def show_all(self) -> None:
         """Send every marker again."""
         found = self._latest
         if found is not None:
             send(self._ellipsoids, lambda: self._markers.update(found, everything=True))
+
+    def list_all(self) -> None:
+        """Send the last update on `segments` again, in full, if it went out as changes."""
+        found = self._latest
+        if found is not None and not self._stream.full:
+            send(self._segments, lambda: write_segments(found))
 
     def clear(self) -> None:
         """Take all markers away."""
@@ -64,6 +74,14 @@ class Outputs:
         """Take all markers away, and wait a moment for the subscribers to hear of it."""
         self.clear()
         self._ellipsoids.wait_for_all_acked(FAREWELL)
+
+
+def _when_matched(newcomer: Callable[[], object]) -> PublisherEventCallbacks:
+    def matched(event: QoSPublisherMatchedInfo) -> None:
+        if event.current_count_change > 0:
+            newcomer()
+
+    return PublisherEventCallbacks(matched=matched)
 
 
 def send(publisher: Any, write: Callable[[], Any]) -> None:

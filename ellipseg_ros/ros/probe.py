@@ -21,7 +21,7 @@ class Probe:
         self._context = Context()
         rclpy.init(args=args, context=self._context)
         self._node = Node("ellipseg_probe", context=self._context)
-        self._outputs = Outputs(self._node, lambda: None)
+        self._outputs = Outputs(self._node, lambda: None, lambda: None)
         self._failed: list[BaseException] = []
         self._spinner = Spinner(self._node, self._fail)
 

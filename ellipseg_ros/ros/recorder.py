@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.bag import BagSink
-from ellipseg_ros.ros.hearing import TOPICS, header_time, hear
+from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
 from ellipseg_ros.ros.process import Spinner
 
 STAMPED = ("segmented_points", "segments")  # messages that begin with a header
@@ -32,6 +32,7 @@ class Recorder:
         self._changed = Condition()  # guards the bag, too
         self._matched = dict.fromkeys(TOPICS, 0)
         self._time_ns: int | None = None  # of the newest update
+        self._update: int | None = None  # its number
         self._stopped = ""
         self._ending = False
         self.updates = 0
@@ -96,10 +97,17 @@ class Recorder:
             if topic in STAMPED:
                 self._time_ns = header_time(data)
             farewell = self._ending and topic == "ellipsoids" and takes_all_away(data)
-            if self._time_ns is not None and not farewell:  # markers have no time of their own
+            again = topic == "segments" and self._is_again(data)
+            # Markers have no time of their own.
+            if self._time_ns is not None and not farewell and not again:
                 self._bag.write(f"/{topic}", self._time_ns, data)
-            self.updates += topic == "segments"
+            self.updates += topic == "segments" and not again
             self._changed.notify_all()
+
+    def _is_again(self, data: bytes) -> bool:
+        """Whether these segments came already, and come again for somebody else who is late."""
+        before, self._update = self._update, update_number(data)
+        return self._update == before
 
     def _on_match(self, topic: str, publishers: int) -> None:
         self._note(lambda: self._matched.update({topic: publishers}))

@@ -18,7 +18,7 @@ from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.pointcloud2 import read_sweep
-from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Update
+from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
@@ -54,7 +54,9 @@ class SegmenterNode:
         self._health = Health()
         self._number: int | None = None  # of the last cloud, by its publisher
         self._warned: set[str] = set()  # frames that were warned of
-        self._outputs = Outputs(node, lambda: self._backlog.put(ShowAll()))
+        self._outputs = Outputs(
+            node, lambda: self._backlog.put(ShowAll()), lambda: self._backlog.put(ListAll())
+        )
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         node.create_service(Trigger, "~/reset", self._reset)

@@ -9,7 +9,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.ros.backlog import Backlog, Reset, ShowAll, Task, Update
+from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Task, Update
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.process import End
@@ -62,6 +62,8 @@ class Worker(Thread):
             self._segmenter.reset(task.reason)
             self._around.tuner.forget()
             self._around.outputs.clear()
+        elif isinstance(task, ListAll):
+            self._around.outputs.list_all()
         elif isinstance(task, ShowAll) or not self._around.backlog.closed:
             self._around.outputs.show_all()
 

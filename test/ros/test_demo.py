@@ -111,7 +111,7 @@ def test_a_single_cloud_is_one_update(ros_domain, words, capsys):
 
 
 def test_a_difference_is_code_1(ros_domain, words, monkeypatch, capsys):
-    monkeypatch.setattr(check, "write_segments", lambda found: b"something else")
+    monkeypatch.setattr(check, "write_labelled", lambda found: b"something else")
     assert main([*words, "-q"]) == 1
     assert capsys.readouterr().err == (
         "ellipseg: the check failed\nupdate 1 differs from the offline result\n"
