@@ -9,7 +9,7 @@ import pytest
 from ellipseg_ros.cli.conservation import NOBODY, Census, contradictions
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import SECOND, State, Sweep
-from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io.bag import TYPES, BagSink, node_types, read_messages
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.stream import SegmentStream
 from ellipseg_ros.mirror import SegmentMirror
@@ -138,6 +138,16 @@ def test_a_message_of_changes_lists_nothing_else():
             listed, there = listed + len(expected), there + len(full.segments)
         before = owners
     assert 0 < listed < 0.9 * there
+
+
+def test_a_bag_written_offline_has_the_same_messages(tmp_path):
+    config = NodeConfig(full_segments_period=3.0)
+    sender, found = SegmentStream(config), list(stream(4, 12))
+    with BagSink(tmp_path / "bag", config) as bag:
+        for one in found:
+            bag.write_update(one)
+    written = [data for data, _ in read_messages(tmp_path / "bag", "/segments")]
+    assert written == [sender.update(one) for one in found]
 
 
 def test_full_messages_come_by_the_stamps_whoever_listened():

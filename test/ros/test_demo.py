@@ -45,9 +45,8 @@ def processes_with(word):
 def demo(tmp_path_factory):
     """The demo on 3.5 s of a simulated drive, thinned; its summary and its folder."""
     folder = tmp_path_factory.mktemp("demo") / "demo"
-    process = start_demo(
-        "--duration", 3.5, "--set", "max_points_per_second=5000", "-o", folder, "--json"
-    )
+    settings = ["--set", "max_points_per_second=5000", "--set", "full_segments_period=2"]
+    process = start_demo("--duration", 3.5, *settings, "-o", folder, "--json")
     out, err = process.communicate(timeout=LIMIT)
     assert (process.returncode, err) == (0, "")
     return json.loads(out), folder
@@ -59,6 +58,12 @@ def test_every_update_is_that_of_the_offline_run(demo):
     assert summary["updates"] == 4  # the last one of the half second that is left
     assert summary["checks"]["equal to offline"] == "4 of 4 updates, bit for bit"
     assert json.loads((folder / "summary.json").read_text()) == summary
+
+
+def test_the_bag_holds_changes_too(demo):
+    _, folder = demo
+    said = [msg.full for _, msg in read_messages(folder / "bag", "/segments")]
+    assert set(said) == {True, False}
 
 
 def test_every_point_is_accounted_for(demo):
