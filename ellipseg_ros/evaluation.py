@@ -161,11 +161,18 @@ def score_instances(labels: Array, instances: Array, known: Array) -> InstanceSc
     where the truth says nothing.
     """
     things = known & (instances != UNKNOWN)
-    tally = match_objects(overlaps(labels[known], instances[known]))
+    return instance_scores(
+        overlaps(labels[known], instances[known]), overlaps(labels[things], instances[things])
+    )
+
+
+def instance_scores(known: Overlaps, things: Overlaps) -> InstanceScores:
+    """Score segments by overlaps with instances: of all known points, and of those of things."""
+    tally = match_objects(known)
     matched, spare, missed = len(tally.ious), tally.spare, tally.missed
     weight = matched + 0.5 * spare + 0.5 * missed
     return InstanceScores(
-        ari=adjusted_rand_index(overlaps(labels[things], instances[things])),
+        ari=adjusted_rand_index(things),
         precision=_share(matched, matched + spare),
         recall=_share(matched, matched + missed),
         quality=_share(float(tally.ious.sum()), weight),

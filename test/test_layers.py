@@ -21,6 +21,7 @@ ONLY_IN = {
         "charts.py",
         "benchmark/picture.py",
         "comparison/picture.py",
+        "comparison/scale_picture.py",
         "measuring/charts.py",
         "paper/figures.py",
     ],

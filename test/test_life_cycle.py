@@ -55,7 +55,7 @@ def stream(seed, count=30):
         if rng.random() < 0.2:
             points = points[:0]  # nothing new
         offsets = -rng.integers(0, SECOND, len(points))
-        yield segmenter.process(Sweep(second * SECOND, points, offsets, frame_id="odom"))
+        yield segmenter.process(Sweep((100 + second) * SECOND, points, offsets, frame_id="odom"))
 
 
 def censuses(found):
