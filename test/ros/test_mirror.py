@@ -1,19 +1,23 @@
 """A subscriber of `segments` over DDS has an exact copy, late, after a loss and over a reset."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from harness import peer, running
+from harness import LIMIT, peer, running
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.grouping import updates
+from ellipseg_ros.io.bag import BagSink, read_messages
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.stream import SegmentStream
 from ellipseg_ros.mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.hearing import update_number
+from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
 
@@ -51,9 +55,16 @@ def heard(offline, session_ros_domain, tmp_path_factory):
         "full_segments_period": SHOWN.full_segments_period,
     }
     given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
-    log = tmp_path_factory.mktemp("mirror") / "log"
+    folder = tmp_path_factory.mktemp("mirror")
     domain, drive = session_ros_domain, offline.drive
-    with running("segmenter_node", given, log), peer(domain) as me, peer(domain) as other:
+    with (
+        running("segmenter_node", given, folder / "log"),
+        peer(domain) as me,
+        peer(domain) as other,
+        BagSink(folder / "bag") as bag,
+        Recorder(bag) as recorder,
+    ):
+        recorder.wait_for_topics(LIMIT)
         faithful = me.listen(SegmentArray, "/segments", raw=True)
         points = me.speak(PointCloud2, "/points")
         for sweep in drive[: JOINED * SWEEPS + 1]:
@@ -70,7 +81,9 @@ def heard(offline, session_ros_domain, tmp_path_factory):
             points.send(sweep)
         late.wait(lambda data: decoded(data).sequence == len(offline.found) - 1)
         faithful.wait(lambda data: decoded(data).sequence == len(offline.found) - 1)
-        return SimpleNamespace(faithful=faithful.messages, late=late.messages)
+        recorder.wait_for_updates(len(offline.found), LIMIT)
+    recorded = [data for data, _ in read_messages(folder / "bag", "/segments")]
+    return SimpleNamespace(faithful=faithful.messages, late=late.messages, recorded=recorded)
 
 
 def restart(offline):
@@ -103,6 +116,16 @@ def test_the_messages_are_those_of_offline_and_one_again_for_the_latecomer(heard
     assert heard.faithful == expected
     assert heard.late == expected[JOINED:]
     assert {decoded(data).full for data in offline.sent} == {True, False}
+
+
+def test_what_comes_again_is_not_recorded_again(heard, offline):
+    assert sorted(heard.recorded) == sorted(offline.sent)  # a bag is read in order of time
+
+
+@pytest.mark.parametrize("frame_id", ["", "map", "odom", "a/frame"])
+def test_the_number_of_an_update_is_read_from_the_bytes(offline, frame_id):
+    found = replace(offline.found[3], frame_id=frame_id)
+    assert update_number(write_segments(found)) == 3
 
 
 def test_a_subscriber_from_the_beginning_is_never_out_of_step(heard, offline):
