@@ -24,7 +24,7 @@ def assert_batch(found, config):
         assert np.array_equal(getattr(found, name), getattr(again, name)), name
     for name, column in vars(again.ellipsoids).items():
         assert np.array_equal(getattr(found.ellipsoids, name), column), name
-    named = ("ids", "state", "removed", "hierarchy")  # ids tell of the past
+    named = ("ids", "state", "removed", "parents", "hierarchy")  # ids tell of the past
     for name in vars(again.objects).keys() - set(named):
         assert np.array_equal(getattr(found.objects, name), getattr(again.objects, name)), name
     for name, column in vars(again.objects.hierarchy).items():

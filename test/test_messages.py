@@ -103,6 +103,8 @@ def plain_segments(found):
         isolated=int((found.labels == -1).sum()),
         rejected=int((found.labels == -2).sum()),
         thinned=int((found.labels == -3).sum()),
+        late=found.late,
+        crowded_out=found.crowded_out,
         full=True,
         sequence=found.sequence,
         segments=[plain_segment(found, row) for row in np.argsort(found.ids)],
