@@ -48,7 +48,8 @@ class Scene(Checked):
     """A drive through a scene: an iterable of sweeps of 0.1 s, the same ones every time.
 
     `fields` of a sweep has the layout FIELDS. A tree is one instance: its wood is of class POLE,
-    its leaves are VEGETATION. Points are registered, as a SLAM front end would give them.
+    its leaves are VEGETATION. Points are registered, as a SLAM front end would give them. The same
+    drive without drift gives the same points where they truly are, but for the noise.
     """
 
     name: str = setting("industrial", "what the vehicle drives through", choices=SCENES)
@@ -59,6 +60,17 @@ class Scene(Checked):
     drift: float = setting(
         0.05, "standard deviation of the registration after 25 s", unit="m", low=0.0, high=10.0
     )
+    noise_seed: int = setting(
+        -1,
+        "another one, another noise and drift in the same street; -1: that of the street",
+        low=-1,
+        high=2**32,
+    )
+    start: float = setting(
+        0.0, "where on the lane the drive begins", unit="m", low=0.0, high=10_000.0
+    )
+    aside: float = setting(0.0, "to the left of the lane", unit="m", low=-2.0, high=2.0)
+    backwards: bool = setting(False, "drive against the lane, towards its beginning")
 
     @property
     def frame_id(self) -> str:
@@ -78,15 +90,25 @@ class Scene(Checked):
 
     @cached_property
     def _world(self) -> World:
-        return make_world(self.name, self.speed * self.duration, self.seed)
+        ahead = 0.0 if self.backwards else self.speed * self.duration
+        return make_world(self.name, self.start + ahead, self.seed)
+
+    @property
+    def _drive(self) -> scanner.Drive:
+        return scanner.Drive(self.speed, self.start, self.aside, self.backwards)
 
     @cached_property
     def _drift(self) -> scanner.Drift:
-        return scanner.make_drift(self.duration, self.drift, np.random.default_rng((self.seed, 2)))
+        return scanner.make_drift(self.duration, self.drift, self._rng(2))
+
+    def _rng(self, *purpose: int) -> np.random.Generator:
+        """A generator for what is not of the street but of the drive."""
+        other = () if self.noise_seed < 0 else (self.noise_seed,)
+        return np.random.default_rng((self.seed, *purpose, *other))
 
     def _block(self, numbers: Array) -> Iterator[Sweep]:
         """Yield the sweeps that the scan lines `numbers` make."""
-        echoes = self._scan(numbers, np.random.default_rng((self.seed, 3, int(numbers[0]))))
+        echoes = self._scan(numbers, self._rng(3, int(numbers[0])))
         time_ns = numbers * SECOND // LINES_PER_SECOND
         sweep = numbers * SWEEPS_PER_SECOND // LINES_PER_SECOND
         for number in range(sweep[0], sweep[-1] + 1):
@@ -102,7 +124,7 @@ class Scene(Checked):
         """Cast the scan lines `numbers` and keep what comes back."""
         times = numbers / LINES_PER_SECOND
         world = self._world
-        lines = scanner.scan_lines(world.path, times, self.speed)
+        lines = scanner.scan_lines(world.path, times, self._drive)
         middle = 0.5 * (lines.origin[0] + lines.origin[-1])
         travel = float(np.linalg.norm(lines.origin[-1] - middle))
         shapes = world.shapes.near(middle, scanner.FARTHEST + travel)

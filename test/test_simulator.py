@@ -118,7 +118,7 @@ def test_the_returns_of_a_line_lie_in_one_plane_on_beams_a_degree_apart():
     scene = simulate("industrial", duration=1.0, **EXACT)
     sweep = join_sweeps(list(scene))
     numbers = np.arange(75)
-    lines = scanner.scan_lines(scene._world.path, numbers / 75.0, scene.speed)
+    lines = scanner.scan_lines(scene._world.path, numbers / 75.0, scanner.Drive(scene.speed))
     line = np.searchsorted(numbers * 1_000_000_000 // 75, sweep.times_ns - simulator.START_NS)
     beam = sweep.points - lines.origin[line]
     distance = np.linalg.norm(beam, axis=1)
@@ -131,9 +131,36 @@ def test_the_returns_of_a_line_lie_in_one_plane_on_beams_a_degree_apart():
 
 def test_the_scan_plane_turns_half_way_in_a_second():
     path = simulate("industrial")._world.path
-    sides = scanner.scan_lines(path, np.array([0.0, 0.5, 1.0]), speed=0.0).side
+    sides = scanner.scan_lines(path, np.array([0.0, 0.5, 1.0]), scanner.Drive(speed=0.0)).side
     assert abs(sides[0] @ sides[1]) < 0.1
     assert sides[0] @ sides[2] < -0.99
+
+
+def test_the_same_street_can_be_driven_again_with_other_noise_the_other_way():
+    there = simulate("industrial", duration=4.0, seed=3)
+    back = simulate(
+        "industrial", duration=2.0, seed=3, noise_seed=1, start=12.0, speed=6.0, backwards=True
+    )
+    for one, other in zip(there._world.shapes, back._world.shapes, strict=True):
+        assert np.array_equal(one, other)
+    lines = [
+        scanner.scan_lines(scene._world.path, np.array(times), scene._drive)
+        for scene, times in ((there, (1.0,)), (back, (1.5,)))
+    ]
+    assert np.allclose(lines[0].origin, lines[1].origin, atol=0.02)  # but for the sway
+    assert np.allclose(lines[0].forward, -lines[1].forward, atol=0.02)
+    beside = scanner.scan_lines(there._world.path, np.array([1.0]), scanner.Drive(3.0, aside=1.0))
+    assert np.linalg.norm(beside.origin - lines[0].origin) == pytest.approx(1.0, abs=0.03)
+
+
+def test_another_seed_of_noise_changes_the_noise_alone():
+    exact = {"duration": 0.3, "seed": 1, **EXACT}
+    one, other = (join_sweeps(list(simulate("roadway", noise_seed=k, **exact))) for k in (1, 2))
+    solid = [np.isin(s.fields["class"], (Class.GROUND, Class.WALL)) for s in (one, other)]
+    near = [np.unique(np.round(s.points[m], 2), axis=0) for s, m in zip((one, other), solid)]
+    both = np.concatenate(near)
+    assert len(both) - len(np.unique(both, axis=0)) > 0.7 * min(map(len, near))
+    assert len(one) != len(other)  # other echoes are lost
 
 
 def test_noise_has_the_size_that_was_asked_for():

@@ -27,6 +27,7 @@ EXAMPLES = """examples:
 
 SIMULATE = """example:
   ellipseg simulate woodland -o wood --duration 10 --seed 3
+  ellipseg simulate woodland -o back --duration 10 --seed 3 --noise-seed 1 --start 30 --backwards
   ellipseg segment wood -o wood_segmented"""
 
 SEGMENT = """examples:
@@ -128,6 +129,7 @@ def _simulate(command: argparse.ArgumentParser) -> None:
     command.add_argument("scene", help=SCENES)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="bag to write (new)")
     _scene_options(command)
+    _second_pass(command)
     _talk(command)
 
 
@@ -281,6 +283,18 @@ def _scene_options(command: argparse.ArgumentParser) -> None:
     group = command.add_argument_group("simulated scenes")
     group.add_argument("--seed", type=int, help="of the scene and of its noise")
     group.add_argument("--duration", type=float, metavar="S", help="seconds of driving")
+
+
+def _second_pass(command: argparse.ArgumentParser) -> None:
+    """How to drive through the same scene once more."""
+    group = command.add_argument_group("another drive through the same scene")
+    group.add_argument("--noise-seed", type=int, help="of noise and drift (the scene's)")
+    group.add_argument("--speed", type=float, metavar="M/S", help="of the vehicle, m/s (3)")
+    group.add_argument("--start", type=float, metavar="M", help="m along the lane (0)")
+    group.add_argument("--aside", type=float, metavar="M", help="m to the left of the lane (0)")
+    group.add_argument(
+        "--backwards", action="store_true", default=None, help="against the lane, from the start"
+    )
 
 
 def _settings(command: argparse.ArgumentParser, criteria: Sequence[str] = CRITERIA) -> None:

@@ -6,10 +6,14 @@ from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.sources import SIMULATED, Source, open_source
 
 
+SCENE_OPTIONS = ("seed", "duration", "speed", "noise_seed", "start", "aside", "backwards")
+
+
 def open_input(spec: str, args: Namespace) -> Source:
-    """Open `spec`, with `args.seed`, `.duration` and, if it has one, `.topic`."""
-    scene = {name: getattr(args, name) for name in ("seed", "duration")}
+    """Open `spec`, with the SCENE_OPTIONS of `args` and, if it has one, its `.topic`."""
+    scene = {name: getattr(args, name, None) for name in SCENE_OPTIONS}
     scene = {name: value for name, value in scene.items() if value is not None}
     if scene and not spec.startswith(SIMULATED):
-        raise EllipsegError(f"--{next(iter(scene))} is for simulated scenes; {spec} is none")
+        option = next(iter(scene)).replace("_", "-")
+        raise EllipsegError(f"--{option} is for simulated scenes; {spec} is none")
     return open_source(spec, getattr(args, "topic", ""), **scene)

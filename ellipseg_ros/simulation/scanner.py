@@ -58,9 +58,24 @@ def make_path(terrain: Terrain, start: float, end: float, swing: float) -> Path:
     return Path(terrain, start, xy - xy[np.searchsorted(s, 0.0)], heading)
 
 
-def scan_lines(path: Path, times: Array, speed: float) -> Lines:
+@dataclass(frozen=True)
+class Drive:
+    """How a vehicle goes along a path."""
+
+    speed: float  # m/s
+    start: float = 0.0  # m: s at time 0
+    aside: float = 0.0  # m: d, to the left of the path
+    backwards: bool = False  # against the path
+
+    @property
+    def way(self) -> float:
+        """1 along the path, -1 against it."""
+        return -1.0 if self.backwards else 1.0
+
+
+def scan_lines(path: Path, times: Array, drive: Drive) -> Lines:
     """Give the true scan lines at `times` (l,) s; the vehicle tilts with the ground, and sways."""
-    frames = [_vehicle(path, speed * time, time) for time in times]
+    frames = [_vehicle(path, drive, time) for time in times]
     origin = np.array([frame.point((0.0, 0.0, HEIGHT)) for frame in frames]).reshape(-1, 3)
     axes = np.array([frame.axes for frame in frames]).reshape(-1, 3, 3)
     spin = SPIN * times[:, None]
@@ -74,11 +89,13 @@ def directions(lines: Lines, line: Array, beam: Array) -> Array:
     return np.asarray(np.cos(angle) * lines.forward[line] + np.sin(angle) * lines.side[line])
 
 
-def _vehicle(path: Path, s: float, time: float) -> Frame:
+def _vehicle(path: Path, drive: Drive, time: float) -> Frame:
     """Where the vehicle is, x ahead, y to the left: it stands on its wheels, and sways a bit."""
-    frame = path.at(s)
-    ahead, behind = path.at(s + 1.3).origin, path.at(s - 1.3).origin
-    left, right = path.at(s, 0.8).origin, path.at(s, -0.8).origin
+    way, d = drive.way, drive.aside
+    s = drive.start + way * drive.speed * time
+    frame = path.at(s, d)
+    ahead, behind = path.at(s + way * 1.3, d).origin, path.at(s - way * 1.3, d).origin
+    left, right = path.at(s, d + way * 0.8).origin, path.at(s, d - way * 0.8).origin
     x = ahead - behind
     x[2] += 2.6 * np.radians(0.4) * np.sin(2.0 * np.pi * 0.9 * time)
     y = left - right
