@@ -135,6 +135,35 @@ class ObjectsConfig(Checked):
 
 
 @dataclass(frozen=True)
+class LandmarksConfig(Checked):
+    """What of the scene is a landmark."""
+
+    enabled: bool = setting(True, "look for landmarks, at every update")
+    min_points: int = setting(40, "a landmark has at least so many points", low=10, high=1_000_000)
+    roughness: float = setting(
+        0.03,
+        "standard deviation of a landmark's points from its shape, at most",
+        unit="m",
+        low=0.001,
+        high=1.0,
+    )
+    max_angle: float = setting(
+        0.7,
+        "standard deviation of a landmark's direction, at most",
+        unit="deg",
+        low=0.01,
+        high=45.0,
+    )
+    registration_noise: float = setting(
+        0.02,
+        "error of the registration that all points of a landmark have in common",
+        unit="m",
+        low=0.0,
+        high=10.0,
+    )
+
+
+@dataclass(frozen=True)
 class Config(Checked):
     """How points become segments, and segments objects."""
 
@@ -177,6 +206,7 @@ class Config(Checked):
     graph: GraphConfig = field(default_factory=GraphConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
     objects: ObjectsConfig = field(default_factory=ObjectsConfig)
+    landmarks: LandmarksConfig = field(default_factory=LandmarksConfig)
 
     def __post_init__(self) -> None:
         if self.threshold is None:

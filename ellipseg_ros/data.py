@@ -5,7 +5,7 @@ Row i of every array of a record belongs to the same thing.
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ Array: TypeAlias = npt.NDArray[Any]
 Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
 
 SECOND = 1_000_000_000  # ns
+NOBODY: Array = np.zeros(0, np.int64)
 
 ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
 REJECTED = -2  # NaN, infinite or absurdly far
@@ -184,6 +185,14 @@ class Ragged:
         return self.values[self.starts[row] : self.starts[row + 1]]
 
 
+class Boundaries(NamedTuple):
+    """Pairs of segments a < b that touch, ascending by (a, b)."""
+
+    a: Array  # (p,) int32
+    b: Array  # (p,) int32
+    length: Array  # (p,) int32: edges of the graph between the two
+
+
 @dataclass(frozen=True)
 class Hierarchy:
     """How s segments become objects: m merges in order, of which the first ones can be taken.
@@ -263,14 +272,20 @@ class Landmarks:
     ids: Array  # (l,) uint32, from 1, never used twice in a run
     kind: Array  # (l,) uint8, see Kind
     count: Array  # (l,) int64, points
-    position: Array  # (l, 3) float64, m, world frame: the mean of the points
+    position: Array  # (l, 3) float64, m, world frame: mean of the points; of a line, on its axis
     axes: Array  # (l, 3, 3) float64, columns x, y, z: a rotation, landmark to world frame
-    sigma: Array  # (l, 3) float64, m: standard deviations of the points along the axes, descending
+    sigma: Array  # (l, 3) float64, m: standard deviations of the points along the axes
     low: Array  # (l, 3) float64, m: corners of the box around the points, along the own axes
     high: Array  # (l, 3): and from the position
     covariance: Array  # (l, 6, 6): of the determined motions, see DETERMINED, m and rad; else 0
     stability: Array  # (l,) float64: how far the last updates moved it, in standard deviations
     first_seen_ns: Array  # (l,) int64: end of the window in which it was first a landmark
+    segments: Ragged = field(default_factory=lambda: Ragged(np.zeros(1, np.int64), NOBODY))
+    # (l,) rows of int64: the segments, ascending, that its points are in
+    of_point: Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    # (n,) int32: the landmark of every point of the window, -1 for none
+    removed: Array = field(default_factory=lambda: np.zeros(0, np.uint32))
+    # (r,) uint32: ids that the last update had and this one has not
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -312,6 +327,8 @@ class Segmentation:
     removed: Array  # (r,) uint32: ids that the last update had and this one has not
     objects: Objects | None  # None: not asked for
     removed_objects: Array  # (r,) uint32: ids that the last update had and this one has not
+    touching: Boundaries | None  # which segments touch; None: neither objects nor landmarks are
+    landmarks: Landmarks | None  # None: not asked for
     first_seen_ns: Array  # (s,) int64: time of the oldest point
     last_seen_ns: Array  # (s,) int64: of the newest
 

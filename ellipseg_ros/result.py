@@ -13,9 +13,12 @@ from ellipseg_ros.core.ellipsoids import (
     V2,
     V3,
 )
+from ellipseg_ros.core.fits import chosen
+from ellipseg_ros.core.landmark_tracking import Followed
+from ellipseg_ros.core.landmarks import Found
 from ellipseg_ros.core.objects import Level
 from ellipseg_ros.core.tracking import Tracks
-from ellipseg_ros.data import Array, Ellipsoids, Objects
+from ellipseg_ros.data import Array, Ellipsoids, Landmarks, Objects, Ragged
 
 
 def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> Ellipsoids:
@@ -61,6 +64,46 @@ def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
         state=tracks.state,
         parents=tracks.parents,
     )
+
+
+def landmark_records(found: Found, followed: Followed, labels: Array, origin: Array) -> Landmarks:
+    """What was found of landmarks as a record in the world frame, ascending by id.
+
+    labels (n,) int32: the segment of every point; origin (3,) m.
+    """
+    order = np.argsort(followed.ids)
+    rank = np.full(len(order) + 1, -1, np.int32)
+    rank[order] = np.arange(len(order))
+    fits, of_point = chosen(found.fits, order), rank[found.of_point]
+    landmarks = Landmarks(
+        ids=followed.ids[order],
+        kind=found.kind[order],
+        count=fits.count,
+        position=fits.position + origin,
+        axes=fits.axes,
+        sigma=fits.sigma,
+        low=fits.low,
+        high=fits.high,
+        covariance=fits.covariance,
+        stability=followed.stability[order],
+        first_seen_ns=followed.first_seen_ns[order],
+        segments=_segments_of(of_point, labels, len(order)),
+        of_point=of_point,
+        removed=followed.removed,
+    )
+    return landmarks
+
+
+def _segments_of(of_point: Array, labels: Array, landmarks: int) -> Ragged:
+    """The segments that the points of every landmark are in."""
+    rows = np.flatnonzero(of_point >= 0)
+    segments = int(labels.max(initial=-1)) + 1
+    shared = np.bincount(
+        of_point[rows].astype(np.int64) * segments + labels[rows], minlength=landmarks * segments
+    )
+    landmark, segment = np.nonzero(shared.reshape(landmarks, segments))
+    counts = np.bincount(landmark, minlength=landmarks)
+    return Ragged(np.append(0, np.cumsum(counts)), segment)
 
 
 def _matrices(nodes: Array) -> Array:

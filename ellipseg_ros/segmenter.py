@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.core.adjacency import boundaries
 from ellipseg_ros.core.criteria import bias
 from ellipseg_ros.core.edges import Renewed, renumbered, update_edges
 from ellipseg_ros.core.ellipsoids import (
@@ -17,15 +18,17 @@ from ellipseg_ros.core.ellipsoids import (
     segment_moments,
     segment_times,
 )
+from ellipseg_ros.core.landmark_tracking import LandmarkTracker
+from ellipseg_ros.core.landmarks import find_landmarks
 from ellipseg_ros.core.merge import SLABBED, Merge, Merged
 from ellipseg_ros.core.neighbours import Change, Neighbours
 from ellipseg_ros.core.objects import find_objects
 from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
-from ellipseg_ros.data import SECOND, Array, Objects, Segmentation, Sweep
+from ellipseg_ros.data import SECOND, Array, Boundaries, Landmarks, Objects, Segmentation, Sweep
 from ellipseg_ros.grouping import Before, and_then, why_restart
-from ellipseg_ros.result import ellipsoid_records, object_records
+from ellipseg_ros.result import ellipsoid_records, landmark_records, object_records
 
 SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom
 DEAD = 0.25  # share of dead rows at which they are
@@ -87,6 +90,7 @@ class Segmenter:
         self._given_origin = None if origin is None else np.array(origin, dtype=np.float64)
         self._tracker = Tracker()
         self._object_tracker = Tracker()
+        self._landmark_tracker = LandmarkTracker()
         self._sequence = 0
         self._restart = ""
         self._threshold_change = ""
@@ -116,6 +120,7 @@ class Segmenter:
         """Forget the window; ids go on. The next update carries `reason` and removes all ids."""
         self._tracker.reset()
         self._object_tracker.reset()
+        self._landmark_tracker.reset()
         self._restart = reason
         self._before = None
         self._window = Window(self._given_origin)
@@ -180,7 +185,8 @@ class Segmenter:
         self._own = Own(own, times)
         facts = np.column_stack([own[:, : MEAN + 3], own[:, COVARIANCE:], merged.aicc])
         tracks = self._tracker.assign(now.arrival, labels, facts, merged.before)
-        objects, removed_objects = self._objects(labels, merged.labels, own)
+        touching = self._touching(merged.labels, len(own))
+        objects, removed_objects = self._objects(labels, merged.labels, own, touching)
         model = self._merge.nodes[merged.roots]
         for column in (labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
@@ -202,6 +208,8 @@ class Segmenter:
             removed=tracks.removed,
             objects=objects,
             removed_objects=removed_objects,
+            touching=touching,
+            landmarks=self._landmarks(labels, own, touching),
             first_seen_ns=times[:, 0],
             last_seen_ns=times[:, 1],
             start_ns=self._window.start_ns,
@@ -216,15 +224,23 @@ class Segmenter:
         self._restart = self._threshold_change = ""
         return found
 
-    def _objects(self, labels: Array, rows: Array, own: Array) -> tuple[Objects | None, Array]:
+    def _touching(self, rows: Array, segments: int) -> Boundaries | None:
+        """Which segments touch, for who needs it; labels of the graph's rows."""
+        if not (self._config.objects.enabled or self._config.landmarks.enabled):
+            return None
+        return boundaries(self._neighbours.rows, rows, segments)
+
+    def _objects(
+        self, labels: Array, rows: Array, own: Array, touching: Boundaries | None
+    ) -> tuple[Objects | None, Array]:
         """Group the segments; labels of the window's points, and of the graph's rows.
 
         Returns the ids of objects that are no more, too.
         """
-        if not self._config.objects.enabled:
+        if touching is None or not self._config.objects.enabled:
             return None, self._object_tracker.end()
-        graph = self._neighbours
-        level = find_objects(graph, self._merge.nodes, rows, own, self._config.objects)
+        points, nodes = self._neighbours.points, self._merge.nodes
+        level = find_objects(points, nodes, rows, own, touching, self._config.objects)
         object_labels = np.append(level.of_segment, np.int32(-1))[np.maximum(labels, -1)]
         facts = np.column_stack([level.nodes[:, : MEAN + 3], level.nodes[:, COVARIANCE:]])
         arrival = self._window.points.arrival
@@ -232,3 +248,15 @@ class Segmenter:
         for column in (object_labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
         return object_records(level, tracks, self._window.origin), tracks.removed
+
+    def _landmarks(
+        self, labels: Array, own: Array, touching: Boundaries | None
+    ) -> Landmarks | None:
+        """Choose the landmarks; labels of the window's points."""
+        if touching is None or not self._config.landmarks.enabled:
+            return None
+        now, origin = self._window.points, self._window.origin
+        config = self._config.landmarks
+        found = find_landmarks(now.position - origin, labels, own, touching, config)
+        followed = self._landmark_tracker.follow(now.arrival, found, self._window.end_ns)
+        return landmark_records(found, followed, labels, origin)

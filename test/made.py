@@ -3,7 +3,16 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.data import Ellipsoids, Hierarchy, Objects, Ragged, Segmentation, State
+from ellipseg_ros.data import (
+    Ellipsoids,
+    Hierarchy,
+    Kind,
+    Landmarks,
+    Objects,
+    Ragged,
+    Segmentation,
+    State,
+)
 
 
 def ellipsoids(count, rng):
@@ -63,6 +72,29 @@ def objects(labels, of_segment, rng):
     )
 
 
+def landmarks(labels, rng, end_ns, count=7):
+    """Random landmarks, each made of random points."""
+    of_point = np.where(labels >= 0, rng.integers(-1, count, len(labels)), -1).astype(np.int32)
+    rows = [np.unique(labels[of_point == row]) for row in range(count)]
+    covariance = rng.normal(size=(count, 6, 6))
+    return Landmarks(
+        ids=np.sort(rng.choice(99, count, replace=False) + 1).astype(np.uint32),
+        kind=rng.integers(0, len(Kind), count).astype(np.uint8),
+        count=rng.integers(40, 500, count),
+        position=rng.normal(scale=20.0, size=(count, 3)),
+        axes=Rotation.random(count, random_state=5).as_matrix(),
+        sigma=np.sort(rng.uniform(0.01, 3.0, (count, 3)))[:, ::-1],
+        low=rng.uniform(-3.0, -1.0, (count, 3)),
+        high=rng.uniform(1.0, 3.0, (count, 3)),
+        covariance=covariance @ covariance.transpose(0, 2, 1),
+        stability=rng.uniform(0.0, 2.0, count),
+        first_seen_ns=end_ns - rng.integers(0, 10**11, count),
+        segments=Ragged(np.append(0, np.cumsum([len(r) for r in rows])), np.concatenate(rows)),
+        of_point=of_point,
+        removed=np.array([100, 107], np.uint32),
+    )
+
+
 def segmentation(points=400, segments=20, seed=0, **changes):
     """A window of random points with random labels; `changes` replace parts of it."""
     rng = np.random.default_rng(seed)
@@ -88,6 +120,8 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "removed": np.array([77, 78], np.uint32),
         "objects": objects(labels, of_segment.astype(np.int32), rng),
         "removed_objects": np.array([5, 55], np.uint32),
+        "touching": None,
+        "landmarks": landmarks(labels, rng, end_ns),
         "first_seen_ns": end_ns - rng.integers(10**10, 2 * 10**10, segments),
         "last_seen_ns": end_ns - rng.integers(0, 10**10, segments),
         "start_ns": end_ns - 25_000_000_000,

@@ -220,10 +220,12 @@ def test_few_and_equal_points(points):
 def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
     own = moments_of(points, labels, segments)
-    expected = find_objects(graph.neighbours, graph.nodes, labels, own, ObjectsConfig())
+    touching = boundaries(graph.neighbours.rows, labels, segments)
+    what = (points, graph.nodes, labels, own, touching, ObjectsConfig())
+    expected = find_objects(*what)
     monkeypatch.setattr(jit, "THREADS", threads)
     monkeypatch.setattr(jit, "LEAST", 10)
-    found = find_objects(graph.neighbours, graph.nodes, labels, own, ObjectsConfig())
+    found = find_objects(*what)
     for name in ("of_segment", "nodes", "low", "high"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
     for name in ("into", "merged", "cost"):

@@ -157,7 +157,10 @@ def test_another_seed_of_noise_changes_the_noise_alone():
     exact = {"duration": 0.3, "seed": 1, **EXACT}
     one, other = (join_sweeps(list(simulate("roadway", noise_seed=k, **exact))) for k in (1, 2))
     solid = [np.isin(s.fields["class"], (Class.GROUND, Class.WALL)) for s in (one, other)]
-    near = [np.unique(np.round(s.points[m], 2), axis=0) for s, m in zip((one, other), solid)]
+    near = [
+        np.unique(np.round(s.points[m], 2), axis=0)
+        for s, m in zip((one, other), solid, strict=True)
+    ]
     both = np.concatenate(near)
     assert len(both) - len(np.unique(both, axis=0)) > 0.7 * min(map(len, near))
     assert len(one) != len(other)  # other echoes are lost

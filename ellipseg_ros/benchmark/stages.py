@@ -28,6 +28,7 @@ STAGES: list[tuple[str, Any, str]] = [  # stage, owner of the call, its name the
     ("renumbering", Segmenter, "_make_room"),
     ("ids", Tracker, "assign"),
     ("objects", Segmenter, "_objects"),
+    ("landmarks", Segmenter, "_landmarks"),
     ("result", Segmenter, "_result"),
     (OTHER, Segmenter, "process"),
 ]

@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from ellipseg_ros.config import Config, ObjectsConfig
+from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
 from ellipseg_ros.data import SECOND, Array, Sweep, join_sweeps
 from ellipseg_ros.simulator import SWEEPS_PER_SECOND, simulate
 
@@ -42,8 +42,10 @@ class Sizes:
         return self.seconds + (self.tenths + SETTLE) / SWEEPS_PER_SECOND
 
 
-# Promises and ratios are about segments; objects have a row among the stages.
-SEGMENTS_ALONE = Config(objects=ObjectsConfig(enabled=False))
+# Promises and ratios are about segments; objects and landmarks have rows among the stages.
+SEGMENTS_ALONE = Config(
+    objects=ObjectsConfig(enabled=False), landmarks=LandmarksConfig(enabled=False)
+)
 FULL = Sizes()
 QUICK = Sizes(
     window=5.0,

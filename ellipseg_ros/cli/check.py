@@ -13,6 +13,7 @@ from ellipseg_ros.cli.report import Summary
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Array, Segmentation, Sweep
 from ellipseg_ros.io.bag import read_messages
+from ellipseg_ros.io.messages import write_landmarks
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled
 from ellipseg_ros.io.stream import SegmentStream
 from ellipseg_ros.mirror import SegmentMirror
@@ -26,21 +27,31 @@ class Received:
     labels: Array  # (n,) uint32: fields of the cloud
     objects: Array  # (n,) uint32
     segments: bytes
-    said: Any  # the same, decoded: a SegmentArray
+    landmarks: bytes | None  # None: nothing came
+    said: Any  # `segments`, decoded: a SegmentArray
 
 
 def received(bag: Path) -> Iterator[Received]:
     """Yield the updates that a bag holds, in order."""
     clouds = read_messages(bag, "/segmented_points")
     arrays = read_messages(bag, "/segments")
+    landmarks = {msg.sequence: data for data, msg in read_messages(bag, "/landmarks")}
     for (cloud, cloud_msg), (segments, array_msg) in zip(clouds, arrays, strict=False):
         fields = read_fields(cloud_msg)
-        yield Received(cloud, fields["label"], fields["object"], segments, array_msg)
+        found = landmarks.get(array_msg.sequence)
+        yield Received(cloud, fields["label"], fields["object"], segments, found, array_msg)
 
 
 def equal(came: bytes, sent: bytes) -> bool:
     """Whether a message came as it was sent; DDS fills up the last four bytes."""
     return came.startswith(sent) and came[len(sent) :] in (b"", b"\0", b"\0\0", b"\0\0\0")
+
+
+def equal_landmarks(found: Segmentation, came: bytes | None) -> bool:
+    """Whether the landmarks came as they were found; none at all, if none were asked for."""
+    if found.landmarks is None or came is None:
+        return found.landmarks is None and came is None
+    return equal(came, write_landmarks(found, found.landmarks))
 
 
 @dataclass
@@ -72,6 +83,7 @@ class Check:
         self.conserved += self._conserved(found, node)
         same = equal(node.cloud, write_labelled(found))
         same = same and equal(node.segments, self._stream.update(found))
+        same = same and equal_landmarks(found, node.landmarks)
         self.identical += same
         if not same:
             self.problems.append(f"update {self.updates} differs from the offline result")

@@ -5,7 +5,6 @@ from argparse import Namespace
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.sources import SIMULATED, Source, open_source
 
-
 SCENE_OPTIONS = ("seed", "duration", "speed", "noise_seed", "start", "aside", "backwards")
 
 

@@ -7,7 +7,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config, ObjectsConfig
+from ellipseg_ros.config import (
+    CRITERIA,
+    DEFAULT_THRESHOLDS,
+    Config,
+    LandmarksConfig,
+    ObjectsConfig,
+)
 from ellipseg_ros.data import Array, Segmentation, Sweep
 from ellipseg_ros.errors import EllipsegError
 
@@ -39,6 +45,7 @@ class Method:
 
 ALONE = ObjectsConfig(enabled=False)  # ellipsoids without a second level
 FINE = 2.0  # threshold of smaller ellipsoids for more objects
+NONE = LandmarksConfig(enabled=False)
 SEGMENTS = "segments"  # setting of a method without a dial
 DIALS = {
     "shape": Dial("threshold", 0.01, 1e6),
@@ -51,11 +58,11 @@ def prepare_ellipsoids(criterion: str, points: Array) -> Run:
     """Graph and initial ellipsoids once, then a merge for every threshold, equal to a batch."""
     from ellipseg_ros.segmenter import Segmenter  # numba, which a process of a peer does not need
 
-    segmenter = Segmenter(Config(objects=ALONE))
+    segmenter = Segmenter(Config(objects=ALONE, landmarks=NONE))
     waiting = [points]
 
     def run(settings: Settings) -> Array:
-        config = Config(criterion, float(settings["threshold"]), objects=ALONE)
+        config = Config(criterion, float(settings["threshold"]), objects=ALONE, landmarks=NONE)
         segmenter.configure(config)
         new = waiting.pop() if waiting else points[:0]
         return segmenter.process(Sweep(stamp_ns=0, points=new)).labels

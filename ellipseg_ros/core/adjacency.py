@@ -1,22 +1,12 @@
 """Which segments touch, and along how many edges of the graph."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ellipseg_ros.core.edges import lists
 from ellipseg_ros.core.jit import for_parts, kernel
-from ellipseg_ros.data import Array
+from ellipseg_ros.data import Array, Boundaries
 
 PARTS = 8  # of the rows, between the threads
-
-
-class Boundaries(NamedTuple):
-    """Pairs of segments a < b that touch, ascending by (a, b)."""
-
-    a: Array  # (p,) int32
-    b: Array  # (p,) int32
-    length: Array  # (p,) int32: edges between the two
 
 
 def boundaries(neighbours: Array, labels: Array, segments: int) -> Boundaries:

@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.adjacency import Boundaries
 from ellipseg_ros.core.eigen import least_eigenvalue
 from ellipseg_ros.core.ellipsoids import COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
 from ellipseg_ros.core.heap import NOWHERE, empty_heap, remove, set_cost
 from ellipseg_ros.core.jit import inlined, kernel
-from ellipseg_ros.data import Array, Hierarchy
+from ellipseg_ros.data import Array, Boundaries, Hierarchy
 
 NONE = -1
 
@@ -56,6 +55,19 @@ def merge_segments(
     flat = _merge_flat(groups, thickness, heap, merges)
     count = _merge_alike(groups, heap, flat, merges, cost)
     return Hierarchy(merges[0, :count], merges[1, :count], cost[:count], len(nodes))
+
+
+def flat_groups(nodes: Array, touching: Boundaries, thickness: float) -> Array:
+    """The group (s,) int32 of every segment when only what is flat together has been merged.
+
+    nodes (s, 24), thickness: as for `merge_segments`, of which this is the first part.
+    """
+    groups = _groups(nodes, np.zeros((len(nodes), 0)), touching)
+    merges = np.empty((2, max(0, len(nodes) - 1)), np.int32)
+    count = _merge_flat(groups, thickness, empty_heap(len(touching.a)), merges)
+    return Hierarchy(merges[0, :count], merges[1, :count], np.zeros(count), len(nodes)).after(
+        count
+    )
 
 
 def _groups(nodes: Array, features: Array, touching: Boundaries) -> Groups:

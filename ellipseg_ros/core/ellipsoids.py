@@ -145,6 +145,27 @@ def unite(nodes, a, b, into):
     shape(nodes, into)
 
 
+def united(nodes: Array, group: Array, count: int) -> Array:
+    """Nodes (count, 24) of groups of nodes (s, 24); group (s,) int32, the group of each.
+
+    They are united in the order of rows.
+    """
+    both = np.vstack([np.zeros((count, WIDTH)), nodes])
+    _unite_all(group, count, both)
+    return both[:count].copy()
+
+
+@kernel
+def _unite_all(group, count, nodes):
+    """Fill the first `count` rows with the moments of groups; those of the parts stand behind."""
+    for s in range(len(group)):
+        into = group[s]
+        if nodes[into, COUNT] == 0.0:
+            nodes[into, :] = nodes[count + s, :]
+        else:
+            unite(nodes, into, count + s, into)
+
+
 @kernel
 def _masses(start, stop, points, neighbours, chosen, masses):
     for which in range(start, stop):

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import ObjectsConfig
-from ellipseg_ros.core.adjacency import boundaries
 from ellipseg_ros.core.agglomeration import merge_segments
-from ellipseg_ros.core.ellipsoids import COUNT, EIGENVALUES, V1, V2, V3, unite
+from ellipseg_ros.core.ellipsoids import EIGENVALUES, V1, V2, V3, united
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.neighbours import Neighbours
-from ellipseg_ros.data import Array, Hierarchy
+from ellipseg_ros.core.members import boxes
+from ellipseg_ros.data import Array, Boundaries, Hierarchy
 
 FEATURES = 4  # linearity, planarity, scattering, twice the verticality
 
@@ -31,23 +30,25 @@ class Level(NamedTuple):
 
 
 def find_objects(
-    graph: Neighbours, nodes: Array, labels: Array, own: Array, config: ObjectsConfig
+    points: Array,
+    nodes: Array,
+    labels: Array,
+    own: Array,
+    touching: Boundaries,
+    config: ObjectsConfig,
 ) -> Level:
     """Group segments into objects, numbered by their lowest segment.
 
-    nodes (rows and more, 24): initial ellipsoids; labels (rows,) int32: the segment of every
-    vertex, -1 for none; own (s, 24): moments of the segments' points.
+    points (rows, 3) m; nodes (rows and more, 24): initial ellipsoids; labels (rows,) int32: the
+    segment of every vertex, -1 for none; own (s, 24): moments of the segments' points; touching:
+    which of them touch.
     """
-    touching = boundaries(graph.rows, labels, len(own))
     features = segment_features(nodes, labels, len(own))
     hierarchy = merge_segments(own, features, touching, config.thickness)
     of_segment = hierarchy.after(hierarchy.merges_at(config.scale))
     count = int(of_segment.max(initial=-1)) + 1
-    united = np.vstack([np.zeros((count, own.shape[1])), own])
-    _unite_all(of_segment, count, united)
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    _boxes(graph.points, labels, of_segment, low, high)
-    return Level(of_segment, united[:count], low, high, hierarchy)
+    low, high = boxes(points, labels, of_segment, count)
+    return Level(of_segment, united(own, of_segment, count), low, high, hierarchy)
 
 
 def segment_features(nodes: Array, labels: Array, segments: int) -> Array:
@@ -107,24 +108,3 @@ def _means(features, labels, means):
     for s in range(len(means)):
         for k in range(means.shape[1]):
             means[s, k] /= count[s]
-
-
-@kernel
-def _unite_all(of_segment, count, nodes):
-    """Fill the first `count` rows with the moments of objects; those of segments stand behind."""
-    for s in range(len(of_segment)):
-        into = of_segment[s]
-        if nodes[into, COUNT] == 0.0:
-            nodes[into, :] = nodes[count + s, :]
-        else:
-            unite(nodes, into, count + s, into)
-
-
-@kernel
-def _boxes(points, labels, of_segment, low, high):
-    for i in range(len(labels)):
-        if labels[i] >= 0:
-            into = of_segment[labels[i]]
-            for axis in range(3):
-                low[into, axis] = min(low[into, axis], points[i, axis])
-                high[into, axis] = max(high[into, axis], points[i, axis])

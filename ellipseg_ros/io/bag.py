@@ -25,7 +25,7 @@ import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation, Sweep
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.messages import Markers
+from ellipseg_ros.io.messages import Markers, write_landmarks
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
 from ellipseg_ros.io.stream import SegmentStream
 
@@ -35,6 +35,7 @@ TYPES = {
     "/segmented_points": CLOUD,
     "/ellipsoids": "visualization_msgs/msg/MarkerArray",
     "/segments": "ellipseg_ros/msg/SegmentArray",
+    "/landmarks": "ellipseg_ros/msg/LandmarkArray",
 }  # of the node's topics
 SUFFIXES = (".bag", ".mcap", ".db3")
 RECORDING: Literal[9] = 9  # version of the bag format that is written: that of Jazzy
@@ -206,6 +207,8 @@ class BagSink:
         """What the node publishes of one update, at the time of its newest point."""
         self.write("/segmented_points", found.end_ns, write_labelled(found))
         self.write("/ellipsoids", found.end_ns, self._markers.update(found))
+        if found.landmarks is not None:
+            self.write("/landmarks", found.end_ns, write_landmarks(found, found.landmarks))
         self.write("/segments", found.end_ns, self._segments.update(found))
 
     def write(self, topic: str, time_ns: int, message: bytes) -> None:

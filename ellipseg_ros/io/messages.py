@@ -1,4 +1,4 @@
-"""Segmentation -> SegmentArray and MarkerArray, as serialized messages."""
+"""Segmentation -> SegmentArray, LandmarkArray and MarkerArray, as serialized messages."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from ellipseg_ros.colours import id_colours, shape_colours
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import SECOND, Array, Objects, Ragged, Segmentation, State
+from ellipseg_ros.data import SECOND, Array, Landmarks, Objects, Ragged, Segmentation, State
 from ellipseg_ros.io.cdr import Cdr, sequences, texts
 
 SPHERE = 2  # of visualization_msgs/Marker
@@ -137,6 +137,39 @@ def quaternions(axes: Array) -> Array:
 def _times(ns: Array) -> Array:
     """(s,) int64 -> (s, 2) uint32: seconds and nanoseconds."""
     return np.column_stack([ns // SECOND, ns % SECOND]).astype(np.int64).astype(np.uint32)
+
+
+# --- landmarks -------------------------------------------------------------------------------
+
+
+def write_landmarks(found: Segmentation, landmarks: Landmarks) -> bytes:
+    """A serialized ellipseg_ros/LandmarkArray, in ascending order of id."""
+    out = Cdr()
+    out.header(found.end_ns, found.frame_id)
+    out.put("I", found.sequence)
+    ids = found.ids[landmarks.segments.values]
+    owner = np.repeat(np.arange(len(landmarks)), np.diff(landmarks.segments.starts))
+    members = Ragged(landmarks.segments.starts, ids[np.lexsort((ids, owner))].astype(np.uint32))
+    out.records(_landmark_columns(landmarks), members)
+    out.numbers(landmarks.removed.astype(np.uint32))
+    return out.bytes()
+
+
+def _landmark_columns(landmarks: Landmarks) -> dict[str, Array]:
+    """The fields of Landmark.msg up to `segments`, in its order."""
+    return {
+        "id": landmarks.ids.astype(np.uint32),
+        "kind": landmarks.kind.astype(np.uint8),
+        "count": landmarks.count.astype(np.uint32),
+        "position": landmarks.position,
+        "orientation": quaternions(landmarks.axes),
+        "sigma": landmarks.sigma,
+        "low": landmarks.low,
+        "high": landmarks.high,
+        "covariance": landmarks.covariance.reshape(-1, 36),
+        "stability": landmarks.stability,
+        "first_seen": _times(landmarks.first_seen_ns),
+    }
 
 
 # --- markers ---------------------------------------------------------------------------------

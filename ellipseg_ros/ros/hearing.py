@@ -10,9 +10,14 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ellipseg_ros.data import SECOND
-from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.msg import LandmarkArray, SegmentArray
 
-TOPICS = {"segmented_points": PointCloud2, "ellipsoids": MarkerArray, "segments": SegmentArray}
+TOPICS = {
+    "segmented_points": PointCloud2,
+    "ellipsoids": MarkerArray,
+    "landmarks": LandmarkArray,
+    "segments": SegmentArray,
+}
 DEPTH = 100  # messages kept while others are dealt with
 
 

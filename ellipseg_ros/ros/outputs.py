@@ -11,10 +11,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation
-from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.messages import Markers, write_landmarks
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.io.stream import SegmentStream
-from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.msg import LandmarkArray, SegmentArray
 
 DEPTH = 10  # messages kept for a slow subscriber; all topics are reliable
 FAREWELL = Duration(seconds=0.2)  # that subscribers get to acknowledge the last message
@@ -40,6 +40,7 @@ class Outputs:
         self._segments = node.create_publisher(
             SegmentArray, "segments", DEPTH, event_callbacks=_when_matched(new_listener)
         )
+        self._landmarks = node.create_publisher(LandmarkArray, "landmarks", DEPTH)
         self._markers = Markers(NodeConfig())
         self._stream = SegmentStream(NodeConfig())
         self._latest: Segmentation | None = None
@@ -51,6 +52,9 @@ class Outputs:
         self._stream.configure(shown)
         send(self._points, lambda: write_labelled(found))
         send(self._ellipsoids, lambda: self._markers.update(found))
+        landmarks = found.landmarks
+        if landmarks is not None:
+            send(self._landmarks, lambda: write_landmarks(found, landmarks))
         send(self._segments, lambda: self._stream.update(found))
 
     def show_all(self) -> None:

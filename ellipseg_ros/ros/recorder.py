@@ -16,7 +16,7 @@ from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
 from ellipseg_ros.ros.process import Spinner
 
-STAMPED = ("segmented_points", "segments")  # messages that begin with a header
+STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
 SMALL = 1000  # bytes: more than one marker takes
 
 

@@ -1,0 +1,69 @@
+"""The points of groups of segments: which they are, and the boxes around them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.data import Array
+
+
+class Members(NamedTuple):
+    """The points of every group, ascending: rows[starts[g]:starts[g + 1]] are those of group g."""
+
+    starts: Array  # (g + 1,) int64
+    rows: Array  # (m,) int64
+
+
+class Boxes(NamedTuple):
+    """Boxes along the axes of the frame, m; g of them."""
+
+    low: Array  # (g, 3)
+    high: Array  # (g, 3)
+
+
+def members(labels: Array, group: Array, count: int) -> Members:
+    """The points of groups of segments.
+
+    labels (n,) int32: the segment of every point, negative for none; group (s,) int32: the group
+    of every segment, negative for none.
+    """
+    starts = np.zeros(count + 1, np.int64)
+    _count(labels, group, starts)
+    np.cumsum(starts, out=starts)
+    rows = np.empty(starts[-1], np.int64)
+    _deal(labels, group, starts[:-1].copy(), rows)
+    return Members(starts, rows)
+
+
+def boxes(points: Array, labels: Array, group: Array, count: int) -> Boxes:
+    """The boxes around the points (n, 3) of groups; labels, group: as for `members`."""
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    _boxes(points, labels, group, low, high)
+    return Boxes(low, high)
+
+
+@kernel
+def _count(labels, group, starts):
+    for label in labels:
+        if label >= 0 and group[label] >= 0:
+            starts[group[label] + 1] += 1
+
+
+@kernel
+def _deal(labels, group, place, rows):
+    for i in range(len(labels)):
+        if labels[i] >= 0 and group[labels[i]] >= 0:
+            into = group[labels[i]]
+            rows[place[into]] = i
+            place[into] += 1
+
+
+@kernel
+def _boxes(points, labels, group, low, high):
+    for i in range(len(labels)):
+        if labels[i] >= 0 and group[labels[i]] >= 0:
+            into = group[labels[i]]
+            for axis in range(3):
+                low[into, axis] = min(low[into, axis], points[i, axis])
+                high[into, axis] = max(high[into, axis], points[i, axis])
