@@ -13,6 +13,7 @@ TAPER_PRIOR = 0.03
 NOISE = 0.03  # m, of a point, against which the priors weigh
 STEPS = 10  # of Gauss and Newton's method
 CUT = 2.5  # standard deviations from which on a point does not count,
+SMALL = 1e-4  # m: a step that ends the search
 ALL = 3  # after so many steps with all points
 
 
@@ -101,6 +102,8 @@ def fit_cylinder(points, rows, point, axis, fit):
         fit += step
         if number >= ALL:
             cut = CUT * spread
+        if number > ALL and np.abs(step).max() < SMALL:
+            break
     return spread
 
 

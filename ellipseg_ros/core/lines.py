@@ -211,8 +211,14 @@ def _aim(points, rows, line):
 def _near(pieces, line, near):
     """Write the segments that may come near the line; returns how many."""
     count = 0
+    centre = pieces.centre
+    px, py, pz = line.point[0], line.point[1], line.point[2]
     for s in range(len(pieces.reach)):
-        along, aside = place(pieces.centre, s, line.point, line.axis)
+        x, y, z = centre[s, 0] - px, centre[s, 1] - py, centre[s, 2] - pz
+        farthest = NEAR[0] + NEAR[1] + pieces.reach[s]
+        if x * x + y * y + z * z > farthest * farthest:
+            continue  # most of them
+        along, aside = place(centre, s, line.point, line.axis)
         if aside <= NEAR[0] + pieces.reach[s] and abs(along) <= NEAR[1] + pieces.reach[s]:
             near[count] = s
             count += 1
