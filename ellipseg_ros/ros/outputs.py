@@ -11,7 +11,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation
-from ellipseg_ros.io.messages import Markers, write_landmarks
+from ellipseg_ros.io.messages import Markers, write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.io.stream import SegmentStream
 from ellipseg_ros.msg import LandmarkArray, SegmentArray
