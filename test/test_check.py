@@ -10,7 +10,7 @@ from ellipseg_ros.cli.check import Check, Received
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND, State, Sweep
 from ellipseg_ros.io.bag import TYPES, node_types
-from ellipseg_ros.io.messages import write_segments
+from ellipseg_ros.io.messages import write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.segmenter import Segmenter
 
@@ -42,6 +42,7 @@ def said(found):
         found.point_ids,
         found.point_object_ids,
         segments,
+        write_landmarks(found, found.landmarks),
         node_types().deserialize_cdr(segments, TYPES["/segments"]),
     )
 
