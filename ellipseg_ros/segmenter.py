@@ -59,7 +59,8 @@ def warm_up() -> None:
     for criterion in CRITERIA:
         segmenter = Segmenter(Config(criterion=criterion, window_duration=3.0))
         for second in range(8):
-            points = rng.uniform(0.0, 2.0, (40, 3)) + [0.5 * second, 0.0, 0.0]
+            points = rng.uniform(0.0, 2.0, (200, 3)) + [0.5 * second, 0.0, 0.0]
+            points[40:, 1] *= 0.01  # a wall, for the landmarks
             segmenter.process(Sweep(stamp_ns=second * SECOND, points=points))
         segmenter.configure(Config(criterion=criterion, threshold=0.0))
         segmenter.process(Sweep(stamp_ns=8 * SECOND, points=np.zeros((0, 3))))

@@ -199,6 +199,7 @@ def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
             "/points": 3,
             "/segmented_points": 2,
             "/ellipsoids": 2,
+            "/landmarks": 2,
             "/segments": 2,
         }
         chosen = [c for c in reader.connections if c.topic == "/segments"]

@@ -124,8 +124,16 @@ def _share(now: Labelled, last: Labelled, before: Array, counts: Array, old_ids:
     best_old = np.full(segments, -1, np.int32)
     best_new = np.full(len(old_ids), -1, np.int32)
     found = Shares(starts, pairs, points, best_old, best_new)
-    _fill(now, last, before, counts, old_ids, found)
+    now, last = Labelled(*map(_to_read, now)), Labelled(*map(_to_read, last))
+    _fill(now, last, _to_read(before), _to_read(counts), _to_read(old_ids), found)
     return found._replace(old=pairs[: starts[-1]], points=points[: starts[-1]])
+
+
+def _to_read(array: Array) -> Array:
+    """A view that cannot be written: of one type, so that the kernel is compiled once."""
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
 
 
 @kernel
