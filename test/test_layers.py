@@ -24,6 +24,7 @@ ONLY_IN = {
         "comparison/scale_picture.py",
         "measuring/charts.py",
         "paper/figures.py",
+        "twopasses/picture.py",
     ],
     "rclpy": ["ros/"],
     "rosbags": ["io/bag.py"],
@@ -57,7 +58,7 @@ def imported(path):
 def layer(parts):
     """The number of the layer of a module, given the parts of its name below the package."""
     name = (
-        "cli" if parts[0] in ("benchmark", "comparison", "paper") else parts[0]
+        "cli" if parts[0] in ("benchmark", "comparison", "paper", "twopasses") else parts[0]
     )  # commands in all but name
     return LAYERS.index(name if name in LAYERS else "")
 

@@ -5,6 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from ellipseg_ros.cli.evaluate_association import association
 from ellipseg_ros.cli.evaluate_scale import scale
 from ellipseg_ros.cli.report import progress, say
 from ellipseg_ros.cli.sources import open_input
@@ -22,7 +23,7 @@ NAMES = ("quality.md", "quality.json", "quality.png")
 
 def run(args: Namespace) -> int:
     """Do what `args.subject` names; returns 0, however good it was."""
-    return {"partition": partition, "scale": scale}[args.subject](args)
+    return {"partition": partition, "scale": scale, "association": association}[args.subject](args)
 
 
 def partition(args: Namespace) -> int:

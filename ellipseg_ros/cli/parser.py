@@ -64,7 +64,12 @@ BENCH = """examples:
 
 EVALUATE = """examples:
   ellipseg evaluate partition scan.npz      how well segments keep classes and things apart
-  ellipseg evaluate scale drive.mcap        where to cut objects, and what depends on it"""
+  ellipseg evaluate scale drive.mcap        where to cut objects, and what depends on it
+  ellipseg evaluate association             what of one drive is found again in another"""
+
+ASSOCIATION = """examples:
+  ellipseg evaluate association --seeds 2 --others 0
+  ellipseg evaluate association -o docs     write docs/association.md, .json and .png"""
 
 PARTITION = """examples:
   ellipseg evaluate partition sim:roadway --methods objects cut-pursuit
@@ -237,6 +242,28 @@ def _evaluate(command: argparse.ArgumentParser) -> None:
     subjects = command.add_subparsers(dest="subject", required=True, metavar="SUBJECT")
     _partition(_command(subjects, "partition", "segments against classes and things", PARTITION))
     _scale(_command(subjects, "scale", "what the scale of objects does, and its stability", SCALE))
+    _association(_command(subjects, "association", "landmarks found again", ASSOCIATION))
+
+
+def _association(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--scenes", nargs="+", default=["industrial", "woodland"], metavar="SCENE", help=SCENES
+    )
+    command.add_argument(
+        "--seeds", type=int, default=20, metavar="N", help="scenes of a kind (20)"
+    )
+    command.add_argument(
+        "--first-seed", type=int, default=100, metavar="SEED", help="of the first of them (100)"
+    )
+    command.add_argument(
+        "--others",
+        type=int,
+        default=2,
+        metavar="N",
+        help="on so many of them other things than landmarks are looked for again, too (2)",
+    )
+    command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
+    _talk(command)
 
 
 def _partition(command: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from ellipseg_ros.core.members import Members, boxes, members
 from ellipseg_ros.core.planes import find_planes
 from ellipseg_ros.data import DETERMINED, Array, Boundaries, Kind
 
-LEVER = 2.0  # m: a registration error turns a landmark as if it differed over this length
+LEVER = 5.0  # m: a registration error turns a landmark as if it differed over this length
 
 
 class Found(NamedTuple):

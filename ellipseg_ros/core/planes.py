@@ -31,6 +31,7 @@ THIN = 0.03  # and a whole is no plane: what is crooked must be the wider
 NEAR = 0.05  # m: from the middle of a part to the plane of another, if they are one plane
 PARALLEL = math.cos(math.radians(4.0))  # of their normals
 GAP = 2.0  # m between their boxes
+CROOKED = 0.2  # share of the roughness that is not noise: another part of it leans otherwise
 ROUNDS = 4
 CUT = 2.5  # standard deviations from the plane within which a point belongs to it
 
@@ -212,3 +213,5 @@ def _spread(points, rows, fits, p):
     for m in range(3):
         for n in range(3):
             fits.covariance[p, 2 + m, 2 + n] = found[m, n]
+    fits.covariance[p, 3, 3] += (CROOKED * fits.sigma[p, 2] / fits.sigma[p, 1]) ** 2
+    fits.covariance[p, 4, 4] += (CROOKED * fits.sigma[p, 2] / fits.sigma[p, 0]) ** 2

@@ -1,0 +1,63 @@
+"""`ellipseg evaluate association`: what of one pass over a scene is found again in another."""
+
+import json
+from argparse import Namespace
+from pathlib import Path
+
+from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.measuring.machine import describe
+from ellipseg_ros.simulator import SCENES
+from ellipseg_ros.twopasses.page import blocks, page
+from ellipseg_ros.twopasses.picture import draw
+from ellipseg_ros.twopasses.study import Plan, Results, study
+
+NAMES = ("association.md", "association.json", "association.png")
+
+
+def association(args: Namespace) -> int:
+    """Measure, and print or write what was found; returns 0, however good it was."""
+    plan = _plan(args)
+    machine = describe()
+    with progress(len(plan.scenes) * len(plan.seeds), "scenes", args) as bar:
+
+        def begin(what: str) -> None:
+            bar.set_description(what)
+            bar.update()
+            if bar.disable:  # no terminal: lines instead of a bar
+                say(f"{what} ...", args)
+
+        results = {"machine": machine} | study(plan, begin)
+    if args.json:
+        print(json.dumps(results, indent=2))
+    elif not args.quiet:
+        print("\n".join(blocks(results)))
+    if args.output:
+        _write(results, Path(args.output), args)
+    return 0
+
+
+def _plan(args: Namespace) -> Plan:
+    """What the options ask for; EllipsegError if that is nothing."""
+    for scene in args.scenes:
+        if scene not in SCENES:
+            raise EllipsegError(f"there is no scene {scene!r}; there are {', '.join(SCENES)}")
+    for name in ("seeds", "first_seed", "others"):
+        least = 1 if name == "seeds" else 0
+        if getattr(args, name) < least:
+            option = name.replace("_", "-")
+            raise EllipsegError(f"--{option} is {getattr(args, name)}; it must be {least} or more")
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    return Plan(args.scenes, seeds, args.others)
+
+
+def _write(results: Results, folder: Path, args: Namespace) -> None:
+    """Write page, numbers and picture, over those of an earlier run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text, numbers, picture = (folder / name for name in NAMES)
+    text.write_text(page(results), encoding="utf-8")
+    lines = json.dumps(results).replace('{"scene": ', '\n{"scene": ')  # a line for each run
+    numbers.write_text(f"{lines}\n", encoding="utf-8")
+    draw(results, picture)
+    for path in (text, numbers, picture):
+        say(f"wrote {path}", args)

@@ -1,0 +1,1 @@
+"""Two passes over one simulated scene: what of the first is found again in the second."""
