@@ -15,8 +15,8 @@ INTRODUCTION = """# Landmarks found again
 
 Two drives along the same 75 m of a simulated scene: the second one is faster, 0.7 m beside the
 track of the first, has another noise and another drift, and goes the same way or the opposite one.
-Each drive is one window. What is found in one is looked for in the other, under the true transform:
-that which brings the drifted points of either drive nearest to where they truly are. What the drift
+Each drive is one window. What is found in one is looked for in the other, under the true motion:
+that which brings the drifted points of either drive nearest to where they truly are. What drift
 bends within a drive stays in. A landmark is *repeated* if the other pass has one of its kind that
 agrees in what its shape determines:
 
@@ -25,8 +25,8 @@ agrees in what its shape determines:
 - blobs: centres within 0.3 m.
 
 It is *seen* if the other pass has seen what is there: half of its points have a point of the other
-pass within 0.3 m, and there are at least 40 of those, or as many as it has itself. The scanner looks
-ahead, over 180 degrees: at the ends of the road, the way back sees other things. Both passes are
+pass within 0.3 m, and there are at least 40 of those, or as many as it has itself. The scanner sees
+what is ahead, so that at the ends of the road the way back sees other things. Both passes are
 asked. Repeatability is the share of the repeated ones, of those seen and of all.
 """
 
