@@ -10,7 +10,7 @@ from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.simulator import SCENES
 from ellipseg_ros.twopasses.page import blocks, page
 from ellipseg_ros.twopasses.picture import draw
-from ellipseg_ros.twopasses.study import Plan, Results, study
+from ellipseg_ros.twopasses.study import Plan, Results, gathered, study
 
 NAMES = ("association.md", "association.json", "association.png")
 
@@ -19,6 +19,8 @@ def association(args: Namespace) -> int:
     """Measure, and print or write what was found; returns 0, however good it was."""
     plan = _plan(args)
     machine = describe()
+    known = [run for path in args.add_to or [] for run in earlier(Path(path))]
+    runs: list[Results] = []
     with progress(len(plan.scenes) * len(plan.seeds), "scenes", args) as bar:
 
         def begin(what: str) -> None:
@@ -27,7 +29,11 @@ def association(args: Namespace) -> int:
             if bar.disable:  # no terminal: lines instead of a bar
                 say(f"{what} ...", args)
 
-        results = {"machine": machine} | study(plan, begin)
+        for run in study(plan, known, begin):
+            runs.append(run)
+            if args.output:  # whoever gives up in between can go on from it
+                _keep({"machine": machine} | gathered(runs), Path(args.output))
+    results = {"machine": machine} | gathered(runs)
     if args.json:
         print(json.dumps(results, indent=2))
     elif not args.quiet:
@@ -51,13 +57,24 @@ def _plan(args: Namespace) -> Plan:
     return Plan(args.scenes, seeds, args.others)
 
 
+def earlier(path: Path) -> list[Results]:
+    """The runs that an earlier call wrote."""
+    try:
+        return list(json.loads(path.read_text(encoding="utf-8"))["runs"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise EllipsegError(f"{path} holds no results; it must be an association.json") from error
+
+
+def _keep(results: Results, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = json.dumps(results).replace('{"scene": ', '\n{"scene": ')  # a line for each run
+    (folder / NAMES[1]).write_text(f"{lines}\n", encoding="utf-8")
+
+
 def _write(results: Results, folder: Path, args: Namespace) -> None:
     """Write page, numbers and picture, over those of an earlier run."""
-    folder.mkdir(parents=True, exist_ok=True)
-    text, numbers, picture = (folder / name for name in NAMES)
-    text.write_text(page(results), encoding="utf-8")
-    lines = json.dumps(results).replace('{"scene": ', '\n{"scene": ')  # a line for each run
-    numbers.write_text(f"{lines}\n", encoding="utf-8")
-    draw(results, picture)
-    for path in (text, numbers, picture):
-        say(f"wrote {path}", args)
+    _keep(results, folder)
+    (folder / NAMES[0]).write_text(page(results), encoding="utf-8")
+    draw(results, folder / NAMES[2])
+    for name in NAMES:
+        say(f"wrote {folder / name}", args)

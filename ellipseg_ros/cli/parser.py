@@ -262,6 +262,12 @@ def _association(command: argparse.ArgumentParser) -> None:
         metavar="N",
         help="on so many of them other things than landmarks are looked for again, too (2)",
     )
+    command.add_argument(
+        "--add-to",
+        nargs="+",
+        metavar="JSON",
+        help="results of earlier runs of this code: what is in them is not measured again",
+    )
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
     _talk(command)
 

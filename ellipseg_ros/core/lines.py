@@ -18,6 +18,7 @@ WIDE = 0.35  # m: and the largest across,
 THIN = 0.5  # and as a share of that along
 SHEET = 0.08  # m: thickness of a piece of ground or wall, if it is as wide as LONG
 FEW = 12  # points that such a segment has at least
+STRIP = 0.03  # m: a segment no thicker may be a strip of something round and wider
 WIDEST = 0.45  # m: largest radius, points that stick out included
 SHORTEST = 1.0  # m: least length of a line
 TAPERING = 0.1  # largest change of the radius along it
@@ -98,15 +99,17 @@ def find_lines(
 def _find_all(points, pieces, own, order, fits, shapes, line_of_point):
     room = np.empty(len(points), np.int64)
     near = np.empty(len(pieces.reach), np.int64)
-    least = 15
     for which in range(len(order)):
         seed = order[which]
         if _taken(pieces.rows[pieces.starts[seed] : pieces.starts[seed + 1]], line_of_point):
             continue
         line = Line(np.empty(3), np.empty(3), np.zeros(PARAMETERS), np.zeros(2))
-        count = _grow(points, pieces, own, seed, near, room, line)
+        count = _grow(points, pieces, own, seed, 0.0, near, room, line)
+        strip = own[seed, EIGENVALUES] < STRIP * STRIP
+        if strip and (count < FEW or line.reach[1] - line.reach[0] < SHORTEST):
+            count = _grow(points, pieces, own, seed, WIDEST, near, room, line)
         rows = room[:count]
-        if count < least or _taken(rows, line_of_point):
+        if count < FEW or _taken(rows, line_of_point):
             continue
         _orient(line)
         _measure(points, rows, line, fits, which)
@@ -125,13 +128,16 @@ def _taken(rows, line_of_point):
 
 
 @kernel
-def _grow(points, pieces, own, seed, near, room, line):
-    """Let a line grow from a segment; returns how many points, ascending, `room` holds of it."""
+def _grow(points, pieces, own, seed, least, near, room, line):
+    """Let a line grow from a segment; returns how many points, ascending, `room` holds of it.
+
+    least: radius of the first tube, m, if that of the segment is less.
+    """
     point, axis, fit, reach = line
     point[:] = own[seed, MEAN : MEAN + 3]
     axis[:] = own[seed, V1 : V1 + 3]
     across_it = _aim(points, pieces.rows[pieces.starts[seed] : pieces.starts[seed + 1]], line)
-    inside = min(max(2.5 * across_it, 0.1), WIDEST)
+    inside = min(max(2.5 * across_it, 0.1, least), WIDEST)
     along_it = math.sqrt(own[seed, EIGENVALUES + 2])
     reach[0], reach[1] = -1.8 * along_it, 1.8 * along_it
     fit[4] = min(1.4 * across_it, 0.3)

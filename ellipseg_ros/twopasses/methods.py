@@ -82,7 +82,7 @@ def _sums(values: Array, group: Array, count: int) -> Array:
 
 
 def as_landmarks(what: Gaussians) -> Landmarks:
-    """Gaussians of LEAST points or more as landmarks of the kind that their shape comes nearest to.
+    """Gaussians of LEAST points or more as landmarks of the kind that their shape is nearest to.
 
     Planarity, cylindricality or sphericity (paper, eqs. 3-5): the greatest of the three decides.
     """

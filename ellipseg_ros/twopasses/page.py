@@ -25,7 +25,7 @@ agrees in what its shape determines:
 - blobs: centres within 0.3 m.
 
 It is *seen* if the other pass has seen what is there: half of its points have a point of the other
-pass within 0.3 m, and there are at least 40 of those, or as many as it has itself. The scanner sees
+pass within 0.3 m, and there are at least 40 of those, or as many as it has. The scanner sees
 what is ahead, so that at the ends of the road the way back sees other things. Both passes are
 asked. Repeatability is the share of the repeated ones, of those seen and of all.
 """

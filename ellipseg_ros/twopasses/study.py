@@ -1,11 +1,11 @@
 """Repeatability over many scenes, as numbers ready for JSON."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.twopasses.methods import OTHERS, OURS
+from ellipseg_ros.twopasses.methods import OTHERS, OURS, Method
 from ellipseg_ros.twopasses.passes import FIRST, SECOND, TwoPasses, drive
 from ellipseg_ros.twopasses.repeatability import errors, scores, truth
 
@@ -20,25 +20,43 @@ class Plan(NamedTuple):
     others: int  # on so many of the seeds, other methods too
 
 
-def study(plan: Plan, begin: Callable[[str], object]) -> Results:
-    """Drive through every scene three times; `begin` is told before every step."""
-    runs: list[Results] = []
+def study(plan: Plan, known: list[Results], begin: Callable[[str], object]) -> Iterator[Results]:
+    """Yield all runs: drive through every scene three times.
+
+    known: runs of before, which are not measured again; begin: told before every scene.
+    """
+    yield from known
+    there = {(run["scene"], run["seed"], run["method"]) for run in known}
     for scene in plan.scenes:
         for number, seed in enumerate(plan.seeds):
             begin(f"{scene}, seed {seed}")
             methods = [OURS, *OTHERS] if number < plan.others else [OURS]
-            first = drive(scene, seed, **FIRST)
-            found = [method.find(first.sweep.points) for method in methods]
-            for direction, settings in SECOND.items():
-                passes = TwoPasses(first, drive(scene, seed, **settings))
-                for method, earlier in zip(methods, found, strict=True):
-                    later = method.find(passes.later.sweep.points)
-                    run: Results = {"scene": scene, "seed": seed, "direction": direction}
-                    run |= {"method": method.name, **scores(passes, earlier, later)}
-                    if method == OURS:
-                        run["errors"] = errors(truth(passes, earlier, later))
-                    runs.append(run)
-    return {"scenes": list(plan.scenes), "seeds": list(plan.seeds), "runs": runs}
+            methods = [method for method in methods if (scene, seed, method.name) not in there]
+            if methods:
+                yield from _runs(scene, seed, methods)
+
+
+def _runs(scene: str, seed: int, methods: list[Method]) -> list[Results]:
+    """One scene by some methods, in both directions."""
+    first = drive(scene, seed, **FIRST)
+    found = [method.find(first.sweep.points) for method in methods]
+    runs = []
+    for direction, settings in SECOND.items():
+        passes = TwoPasses(first, drive(scene, seed, **settings))
+        for method, earlier in zip(methods, found, strict=True):
+            later = method.find(passes.later.sweep.points)
+            run: Results = {"scene": scene, "seed": seed, "direction": direction}
+            run |= {"method": method.name, **scores(passes, earlier, later)}
+            if method == OURS:
+                run["errors"] = errors(truth(passes, earlier, later))
+            runs.append(run)
+    return runs
+
+
+def gathered(runs: list[Results]) -> Results:
+    """Runs with what they are of."""
+    scenes, seeds = ([run[key] for run in runs] for key in ("scene", "seed"))
+    return {"scenes": sorted(set(scenes)), "seeds": sorted(set(seeds)), "runs": runs}
 
 
 def share(runs: list[Results], kind: str, of: str = "seen") -> list[float]:
