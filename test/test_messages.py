@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from ellipseg_ros.colours import id_colours
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import Ragged, State
+from ellipseg_ros.data import Kind, Ragged, State
 from ellipseg_ros.io.bag import TYPES, node_types
-from ellipseg_ros.io.messages import Markers, quaternions, write_segments
+from ellipseg_ros.io.messages import Markers, quaternions, write_landmarks, write_segments
 
 SECOND = 10**9
 STORE = node_types()
@@ -116,6 +116,35 @@ def plain_segments(found):
     )
 
 
+def plain_landmark(found, row):
+    marks = found.landmarks
+    return message(
+        "ellipseg_ros/msg/Landmark",
+        id=int(marks.ids[row]),
+        kind=int(marks.kind[row]),
+        count=int(marks.count[row]),
+        position=vector("Point", marks.position[row]),
+        orientation=rotation(marks.axes[row]),
+        sigma=marks.sigma[row].copy(),
+        low=vector("Vector3", marks.low[row]),
+        high=vector("Vector3", marks.high[row]),
+        covariance=marks.covariance[row].ravel(),
+        stability=float(marks.stability[row]),
+        first_seen=time(int(marks.first_seen_ns[row])),
+        segments=np.sort(found.ids[marks.segments[row]]),
+    )
+
+
+def plain_landmarks(found):
+    return message(
+        "ellipseg_ros/msg/LandmarkArray",
+        header=header(found.end_ns, found.frame_id),
+        sequence=found.sequence,
+        landmarks=[plain_landmark(found, row) for row in range(len(found.landmarks))],
+        removed=found.landmarks.removed,
+    )
+
+
 def plain_marker(found, number, action, shape):
     nothing = np.zeros(0, np.uint8)
     image = message(
@@ -177,6 +206,34 @@ def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id
     found = made.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
     expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
     assert write_segments(found) == bytes(expected)
+
+
+@given(
+    segments=st.integers(1, 9),
+    seed=st.integers(0, 2**32 - 1),
+    frame_id=st.sampled_from(["", "map", "odom", "a frame \N{DEGREE SIGN}", "base/odom"]),
+)
+@settings(max_examples=50, deadline=None)
+def test_the_bytes_of_landmarks_are_those_of_the_record(segments, seed, frame_id):
+    found = made.segmentation(90, segments, seed, frame_id=frame_id)
+    expected = STORE.serialize_cdr(plain_landmarks(found), TYPES["/landmarks"])
+    assert write_landmarks(found, found.landmarks) == bytes(expected)
+
+
+def test_landmarks_are_read_by_ros_itself():
+    serialization = pytest.importorskip("rclpy.serialization")
+    from ellipseg_ros.msg import Landmark, LandmarkArray
+
+    found = made.segmentation(90, 7)
+    data = write_landmarks(found, found.landmarks)
+    read = serialization.deserialize_message(data, LandmarkArray)
+    assert [mark.id for mark in read.landmarks] == list(found.landmarks.ids)
+    assert np.array_equal(
+        read.landmarks[2].covariance.reshape(6, 6), found.landmarks.covariance[2]
+    )
+    assert read.landmarks[-1].high.z == found.landmarks.high[-1, 2]
+    assert list(read.removed) == list(found.landmarks.removed)
+    assert (Landmark.PLANE, Landmark.LINE, Landmark.BLOB) == tuple(Kind)
 
 
 def test_without_objects_there_are_none_in_the_message():
