@@ -150,7 +150,7 @@ def write_landmarks(found: Segmentation, landmarks: Landmarks) -> bytes:
     ids = found.ids[landmarks.segments.values]
     owner = np.repeat(np.arange(len(landmarks)), np.diff(landmarks.segments.starts))
     members = Ragged(landmarks.segments.starts, ids[np.lexsort((ids, owner))].astype(np.uint32))
-    out.records(_landmark_columns(landmarks), members)
+    out.records(_landmark_columns(landmarks), sequences(members))
     out.numbers(landmarks.removed.astype(np.uint32))
     return out.bytes()
 
