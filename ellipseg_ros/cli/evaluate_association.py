@@ -5,8 +5,10 @@ from argparse import Namespace
 from pathlib import Path
 
 from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.comparison.scan import SEARCH
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.measuring.machine import describe
+from ellipseg_ros.measuring.packages import load
 from ellipseg_ros.simulator import SCENES
 from ellipseg_ros.twopasses.page import blocks, page
 from ellipseg_ros.twopasses.picture import draw
@@ -17,6 +19,8 @@ NAMES = ("association.md", "association.json", "association.png")
 
 def association(args: Namespace) -> int:
     """Measure, and print or write what was found; returns 0, however good it was."""
+    if why := load("scipy", SEARCH)[1]:
+        raise EllipsegError(f"evaluate needs scipy, which is {why}")
     plan = _plan(args)
     machine = describe()
     known = [run for path in args.add_to or [] for run in earlier(Path(path))]

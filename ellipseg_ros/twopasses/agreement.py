@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from ellipseg_ros.comparison.scan import tree
 from ellipseg_ros.data import Array, Kind, Landmarks
 
 PLANE_OFFSET, PLANE_ANGLE = 0.05, math.radians(1.5)  # m, rad
@@ -72,7 +72,7 @@ def _near(earlier: Landmarks, later: Landmarks) -> Pairs:
     reach = [np.linalg.norm(np.maximum(-one.low, one.high), axis=1) for one in (earlier, later)]
     wide = BLOB_OFFSET + reach[0] + np.quantile(reach[1], 0.95)
     small = np.flatnonzero(reach[1] <= np.quantile(reach[1], 0.95))
-    lists = cKDTree(later.position[small]).query_ball_point(earlier.position, wide)
+    lists = tree(later.position[small]).query_ball_point(earlier.position, wide)
     found = [small[np.array(rows, np.int64)] for rows in lists]
     large = np.setdiff1d(np.arange(len(later)), small)
     rows = [np.sort(np.concatenate([one, large])) for one in found]

@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from ellipseg_ros.comparison.scan import tree
 from ellipseg_ros.core.motions import motions, normalised
 from ellipseg_ros.data import Array, Kind, Landmarks
 from ellipseg_ros.twopasses.agreement import Pairs, agreeing, matrix, moved, taken
@@ -62,10 +62,10 @@ def seen(landmarks: Landmarks, points: Array, others: Array) -> Array:
     owner, count = landmarks.of_point[rows], len(landmarks)
     if not len(rows):
         return np.zeros(count, bool)
-    near = np.isfinite(cKDTree(others).query(points[rows], distance_upper_bound=CLOSE)[0])
+    near = np.isfinite(tree(others).query(points[rows], distance_upper_bound=CLOSE)[0])
     of_all = np.bincount(owner, minlength=count)
     share = np.bincount(owner, near, count) / np.maximum(1, of_all)
-    distance, which = cKDTree(points[rows]).query(others, distance_upper_bound=CLOSE)
+    distance, which = tree(points[rows]).query(others, distance_upper_bound=CLOSE)
     there = np.bincount(owner[which[np.isfinite(distance)]], minlength=count)
     return np.asarray((share >= SHARE) & (there >= np.minimum(of_all, LEAST)))
 
