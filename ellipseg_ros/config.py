@@ -226,6 +226,60 @@ class Config(Checked):
 
 
 @dataclass(frozen=True)
+class AssociationConfig(Checked):
+    """How two sets of landmarks are compared."""
+
+    max_translation: float = setting(
+        3.0,
+        "the centroid of the later landmarks moves at most this",
+        unit="m",
+        low=0.0,
+        high=100.0,
+    )
+    max_rotation: float = setting(
+        10.0, "they turn at most this about it", unit="deg", low=0.0, high=45.0
+    )
+    noise: float = setting(
+        0.02,
+        "two looks at one thing differ by this beyond what their covariances say",
+        unit="m",
+        low=1e-4,
+        high=10.0,
+    )
+    angle_noise: float = setting(
+        0.2,
+        "two looks at one direction differ by this beyond what their covariances say",
+        unit="deg",
+        low=1e-3,
+        high=45.0,
+    )
+    size_ratio: float = setting(
+        2.0,
+        "thickness of lines and size of blobs differ at most by this factor",
+        low=1.0,
+        high=1e3,
+    )
+    gap: float = setting(
+        0.5,
+        "extents along a plane or a line are at most this far apart",
+        unit="m",
+        low=0.0,
+        high=100.0,
+    )
+    known: float = setting(
+        0.05,
+        "a direction is known if its standard deviation is at most this; "
+        "a rotation's at the distance of the landmarks from their centroid",
+        unit="m",
+        low=1e-4,
+        high=100.0,
+    )
+    min_probability: float = setting(
+        0.95, "pairs that are right with less probability are not given", low=0.0, high=1.0
+    )
+
+
+@dataclass(frozen=True)
 class NodeConfig(Checked):
     """How the node listens and what it shows."""
 

@@ -18,6 +18,7 @@ Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
 
 SECOND = 1_000_000_000  # ns
 NOBODY: Array = np.zeros(0, np.int64)
+NEGLIGIBLE = 0.2  # share of a motion that is not worth a word
 
 ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
 REJECTED = -2  # NaN, infinite or absurdly far
@@ -289,6 +290,55 @@ class Landmarks:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+
+class Verdict(IntEnum):
+    """What an association can tell; the numbers are those of Association.msg."""
+
+    KNOWN = 0  # the transform, in all six directions
+    PARTIAL = 1  # some directions stay unknown: the landmarks do not determine them
+    AMBIGUOUS = 2  # another transform explains the landmarks nearly as well
+    TOO_FEW = 3  # what agrees may agree by chance
+
+
+@dataclass(frozen=True)
+class Association:
+    """Which landmarks of two sets are the same, and the transform between the sets.
+
+    Small motions, in `covariance` and `unknown`, are those of the later set in the earlier one's
+    frame, after the transform: a translation (m) and a rotation vector (rad), about the moved
+    `centre`. A left perturbation: p -> exp(rotation) (T p - T centre) + T centre + translation.
+    """
+
+    pairs: Array  # (m, 2) int64: rows of the earlier and of the later set, ascending
+    probability: Array  # (m,) float64: that the pair is right
+    distance: Array  # (m,) float64: of the two after the transform, in standard deviations
+    T_earlier_later: Array  # (4, 4) float64: p_earlier = T p_later
+    covariance: Array  # (6, 6) m, rad; of the bounds that were asked for where nothing is known
+    centre: Array  # (3,) m: centroid of the later set, in its frame
+    unknown: Array  # (6, k) float64: orthonormal columns, motions that stay unknown; the rotations
+    lever: float  # m: in them are lengths, by this factor: where the landmarks are
+    verdict: Verdict
+    probability_of_transform: float  # that it is right, where it is known
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @property
+    def unknown_names(self) -> list[str]:
+        """The columns of `unknown` in words, such as "translation along (1.00, 0.00, 0.00)"."""
+        return [_motion_name(column[:3], column[3:]) for column in self.unknown.T]
+
+
+def _motion_name(translation: Array, rotation: Array) -> str:
+    """A small motion in words: a translation, a rotation, or both if both matter."""
+    parts = []
+    for what, vector in (("translation along", translation), ("rotation about", rotation)):
+        length = float(np.linalg.norm(vector))
+        if length > NEGLIGIBLE:
+            x, y, z = vector / length + 0.0
+            parts.append(f"{what} ({x:.2f}, {y:.2f}, {z:.2f})")
+    return " with ".join(parts)
 
 
 @dataclass(frozen=True)
