@@ -280,6 +280,31 @@ class AssociationConfig(Checked):
 
 
 @dataclass(frozen=True)
+class MapConfig(Checked):
+    """Which landmarks are kept to be recognized later."""
+
+    max_stability: float = setting(
+        3.0,
+        "a landmark enters the map if its last updates moved it by at most so many standard "
+        "deviations",
+        low=0.0,
+        high=1e9,
+    )
+    min_age: float = setting(
+        2.0, "and if it was a landmark for so long", unit="s", low=0.0, high=86400.0
+    )
+    delay: float = setting(
+        30.0,
+        "it can be recognized so long after it has expired: what has just left the window is "
+        "no news",
+        unit="s",
+        low=0.0,
+        high=86400.0,
+    )
+    max_landmarks: int = setting(20_000, "of more, the oldest are forgotten", low=1, high=500_000)
+
+
+@dataclass(frozen=True)
 class NodeConfig(Checked):
     """How the node listens and what it shows."""
 

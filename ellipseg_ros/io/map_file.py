@@ -1,0 +1,95 @@
+"""Maps of landmarks as files: format 1, a .npz without pickled objects.
+
+`format` (text), `version` (integer), `frame_id` (text), `next_id` (integer), `last_seen_ns`, and
+the arrays of Landmarks by their names, as data.py describes them. Numbers of a landmark are in m
+and rad, in the frame `frame_id`.
+"""
+
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.data import Array, Landmarks
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.landmark_map import ROW_SHAPES, Stored
+
+FORMAT = "ellipseg_ros landmark map"
+VERSION = 1
+LARGEST = 512 * 1024 * 1024  # bytes when unpacked: half a million landmarks
+NAMES = ("format", "version", "frame_id", "next_id", "last_seen_ns", *ROW_SHAPES)
+
+
+def write_map(path: Path, stored: Stored) -> None:
+    """Write a map; a file that is there is replaced at once, or not at all.
+
+    Raises InputError if that cannot be done.
+    """
+    values: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "frame_id": stored.frame_id,
+        "next_id": stored.next_id,
+        "last_seen_ns": stored.last_seen_ns,
+        **{name: getattr(stored.landmarks, name) for name in ROW_SHAPES},
+    }
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        with draft.open("wb") as file:
+            np.savez_compressed(file, **values)
+        os.replace(draft, path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise InputError(f"{path} cannot be written: {error.strerror or error}", "map") from error
+
+
+def read_map(path: Path) -> Stored:
+    """Read a map. Raises InputError, in one line, for what is none."""
+    try:
+        _look_at_size(path)
+        with np.load(path, allow_pickle=False) as file:
+            values = {name: file[name] for name in NAMES if name in file.files}
+    except FileNotFoundError as error:
+        raise InputError(f"there is no file {path}", "map") from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}", "map") from error
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"{path} is no map of landmarks: {why}", "map") from error
+    return _checked(path, values)
+
+
+def _look_at_size(path: Path) -> None:
+    """A small file can unpack to more than there is memory."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > LARGEST:
+        raise InputError(f"{path} unpacks to {size} bytes; {LARGEST} is the most", "map")
+
+
+def _checked(path: Path, values: dict[str, Array]) -> Stored:
+    missing = [name for name in NAMES if name not in values]
+    if missing:
+        raise InputError(f"{path} is no map of landmarks: it has no {missing[0]}", "map")
+    if str(values["format"]) != FORMAT:
+        raise InputError(f"{path} is no map of landmarks: its format is another", "map")
+    if values["version"].shape != () or values["version"] != VERSION:
+        raise InputError(
+            f"{path} is a map of version {values['version']}; this program reads {VERSION}", "map"
+        )
+    scalar = all(values[name].shape == () for name in ("frame_id", "next_id"))
+    if not scalar or values["next_id"].dtype.kind not in "iu":
+        raise InputError(f"{path}: frame_id must be a text, next_id an integer", "map")
+    if values["last_seen_ns"].dtype != np.int64 or values["last_seen_ns"].ndim != 1:
+        raise InputError(f"{path}: last_seen_ns must be a row of int64", "map")
+    if values["ids"].ndim != 1:
+        raise InputError(f"{path}: ids must be a row", "map")
+    try:
+        landmarks = Landmarks(**{name: values[name] for name in ROW_SHAPES})
+        return Stored(
+            landmarks, values["last_seen_ns"], str(values["frame_id"]), int(values["next_id"])
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}", "map") from error

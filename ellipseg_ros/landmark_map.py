@@ -1,0 +1,165 @@
+"""Landmarks that have left the window, kept to be recognized later."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ellipseg_ros.config import MapConfig
+from ellipseg_ros.data import SECOND, Array, Kind, Landmarks
+from ellipseg_ros.errors import InputError
+
+ROW_SHAPES = {  # of the arrays of Landmarks: of one row, and type
+    "ids": ((), np.uint32),
+    "kind": ((), np.uint8),
+    "count": ((), np.int64),
+    "position": ((3,), np.float64),
+    "axes": ((3, 3), np.float64),
+    "sigma": ((3,), np.float64),
+    "low": ((3,), np.float64),
+    "high": ((3,), np.float64),
+    "covariance": ((6, 6), np.float64),
+    "stability": ((), np.float64),
+    "first_seen_ns": ((), np.int64),
+}
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What a map holds; row i of every array is one landmark, ascending by id."""
+
+    landmarks: Landmarks  # with ids of the map
+    last_seen_ns: Array  # (l,) int64: end of the last window in which it was a landmark
+    frame_id: str  # empty: not known yet
+    next_id: int  # from 1, never used twice
+
+    def __post_init__(self) -> None:
+        check(self.landmarks)
+        ids = self.landmarks.ids.astype(np.int64)
+        if len(self.last_seen_ns) != len(ids):
+            raise InputError(f"{len(self.last_seen_ns)} times for {len(ids)} landmarks", "map")
+        if (np.diff(ids) <= 0).any() or (ids < 1).any() or (ids >= self.next_id).any():
+            raise InputError("ids of a map must ascend from 1 and be below its next id", "map")
+
+    def __len__(self) -> int:
+        return len(self.landmarks)
+
+
+def no_landmarks() -> Landmarks:
+    """A set of none."""
+    return Landmarks(
+        **{name: np.zeros((0, *row), kind) for name, (row, kind) in ROW_SHAPES.items()}
+    )
+
+
+def take(landmarks: Landmarks, rows: Array) -> Landmarks:
+    """Some rows of a set."""
+    return Landmarks(**{name: getattr(landmarks, name)[rows] for name in ROW_SHAPES})
+
+
+def join(one: Landmarks, other: Landmarks) -> Landmarks:
+    """The rows of both, those of the one first."""
+    return Landmarks(
+        **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in ROW_SHAPES}
+    )
+
+
+def check(landmarks: Landmarks) -> None:
+    """Refuse what are no landmarks: shapes, types, kinds, values, axes that are no rotation."""
+    count = len(landmarks.ids)
+    for name, (row, kind) in ROW_SHAPES.items():
+        column = getattr(landmarks, name)
+        if column.shape != (count, *row) or column.dtype != kind:
+            expected = f"{np.dtype(kind).name} of shape {(count, *row)}"
+            raise InputError(
+                f"{name} is {column.dtype} of shape {column.shape}; it must be {expected}", "map"
+            )
+        if not np.isfinite(column).all():
+            raise InputError(f"{name} has a value that is not finite", "map")
+    if (landmarks.kind >= len(Kind)).any():
+        raise InputError(f"kind is {landmarks.kind.max()}; it must be below {len(Kind)}", "map")
+    product = np.einsum("nki,nkj->nij", landmarks.axes, landmarks.axes)
+    if np.abs(product - np.eye(3)).max(initial=0.0) > 1e-6:
+        raise InputError("axes of a landmark are no rotation", "map")
+
+
+class LandmarkMap:
+    """Takes landmarks that expire, if they were stable; gives those that expired long enough ago.
+
+    The frame of the landmarks is that of the map: the odometry's, with its drift.
+    """
+
+    def __init__(self, config: MapConfig) -> None:
+        self.config = config
+        self.stored = Stored(no_landmarks(), np.zeros(0, np.int64), "", 1)
+        self._live = no_landmarks()
+        self._seen_ns = 0  # stamp of the last update
+        self._known: set[int] = set()  # ids of live ones that the map has already
+
+    def clear(self) -> None:
+        """Forget all that has expired; ids go on."""
+        none = take(self.stored.landmarks, slice(0, 0))
+        self.stored = replace(self.stored, landmarks=none, last_seen_ns=np.zeros(0, np.int64))
+        self._known.clear()
+
+    def load(self, stored: Stored) -> None:
+        """Take what was saved, instead of what is there."""
+        self._look_at_frame(stored.frame_id)
+        self.stored = stored
+        self._known.clear()
+
+    def update(self, live: Landmarks, stamp_ns: int, frame_id: str) -> None:
+        """Take the landmarks of an update; those that it has no more expire.
+
+        Raises InputError for landmarks of another frame than the map's, and changes nothing.
+        """
+        check(live)
+        self._look_at_frame(frame_id)
+        if frame_id and not self.stored.frame_id:
+            self.stored = replace(self.stored, frame_id=frame_id)
+        gone = ~np.isin(self._live.ids, live.ids)
+        if stamp_ns < self._seen_ns:  # time has jumped back: ids may have begun anew
+            gone[:] = True
+        self._expire(take(self._live, gone))
+        self._live, self._seen_ns = live, stamp_ns
+        self._known &= set(live.ids.tolist())
+
+    def recognized(self, ids: Array) -> None:
+        """Note ids of live landmarks that the map has: they do not enter it once more."""
+        self._known |= set(ids.tolist())
+
+    def known(self) -> Stored:
+        """What expired at least `delay` before the last update: what is to be recognized."""
+        ripe = self.stored.last_seen_ns <= self._seen_ns - round(self.config.delay * SECOND)
+        # A map of another run may have later stamps: all of it is from before.
+        ripe |= self.stored.last_seen_ns > self._seen_ns
+        return replace(
+            self.stored,
+            landmarks=take(self.stored.landmarks, ripe),
+            last_seen_ns=self.stored.last_seen_ns[ripe],
+        )
+
+    def _look_at_frame(self, frame_id: str) -> None:
+        known = self.stored.frame_id
+        if known and frame_id and known != frame_id:
+            raise InputError(f"landmarks are in frame {frame_id}; the map is in {known}", "frame")
+
+    def _expire(self, gone: Landmarks) -> None:
+        """Add those that are worth it; the oldest go if there are too many."""
+        age = self._seen_ns - gone.first_seen_ns
+        worth = gone.stability <= self.config.max_stability
+        worth &= age >= round(self.config.min_age * SECOND)
+        worth &= ~np.isin(gone.ids, np.fromiter(self._known, np.int64, len(self._known)))
+        added = take(gone, worth)
+        ids = np.arange(self.stored.next_id, self.stored.next_id + len(added), dtype=np.uint32)
+        landmarks = join(self.stored.landmarks, replace(added, ids=ids))
+        seen = np.append(self.stored.last_seen_ns, np.full(len(added), self._seen_ns, np.int64))
+        kept = slice(max(0, len(seen) - self.config.max_landmarks), None)
+        self.stored = Stored(
+            take(landmarks, kept),
+            seen[kept],
+            self.stored.frame_id,
+            self.stored.next_id + len(added),
+        )
+
+
+assert set(ROW_SHAPES) == {field.name for field in fields(Landmarks)}
