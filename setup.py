@@ -179,6 +179,7 @@ setup(
             "pgeof",
             "scipy>=1.15",
         ],
+        "slam": ["gtsam"],  # examples/close_loop.py
         # The tests run colcon, so they need the build requirements of pyproject.toml too; `make
         # setup` installs both. Other versions of mypy and ruff have other opinions.
         "test": [

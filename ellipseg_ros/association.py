@@ -9,13 +9,14 @@
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from ellipseg_ros.config import AssociationConfig
 from ellipseg_ros.core.candidates import Bounds
 from ellipseg_ros.core.hypotheses import Hypothesis, Problem, hopeful, hypotheses, pose
-from ellipseg_ros.core.pairing import things
+from ellipseg_ros.core.pairing import compare, scratch, things
 from ellipseg_ros.data import Array, Association, Landmarks, Verdict
 from ellipseg_ros.errors import InputError
 
@@ -46,6 +47,38 @@ def associate(
     if not len(odds) or (odds[0] < LEAST and by_chance >= odds[1:].sum()):
         return _nothing(problem, config)
     return _conclude(problem, found, odds, orders, config)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far one landmark lies from another, in the d motions that their kind determines."""
+
+    r: Array  # (d,) m, rad
+    jacobian: Array  # (d, 6): its change with a small motion, translation and rotation, of the
+    # later one in the earlier one's frame; about the origin of that frame
+    covariance: Array  # (d, d): of both landmarks
+
+
+def difference(
+    earlier: Landmarks,
+    later: Landmarks,
+    pair: tuple[int, int],
+    transform: Array,
+    config: AssociationConfig | None = None,
+) -> Difference:
+    """Compare two landmarks under T_earlier_later (4, 4): what a factor of a pose graph needs.
+
+    pair: rows of the two sets, as in Association.pairs.
+    """
+    config = config or AssociationConfig()
+    noise = (config.noise, math.radians(config.angle_noise))
+    one, other = (
+        things(landmarks, np.array([row]), *noise)
+        for landmarks, row in zip((earlier, later), pair, strict=True)
+    )
+    found = scratch()
+    rows = compare(one, other, 0, 0, transform, np.zeros(3), found)
+    return Difference(found.r[:rows], found.jacobian[:rows], found.noise[:rows, :rows])
 
 
 def _order(name: str, landmarks: Landmarks) -> Array:

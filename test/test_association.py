@@ -26,6 +26,7 @@ from ellipseg_ros.core.pairing import DEGREES, ROWS, compare, near, scratch, spr
 from ellipseg_ros.core.registration import LIMITS, fit
 from ellipseg_ros.data import DETERMINED, Kind, Verdict
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.landmark_map import take
 
 DRIFTS = [(0.5, 3.0), (3.0, 10.0)]  # m, degrees
 BOUNDS = Bounds(3.0, np.radians(10.0), 0.5, 2.0)
@@ -162,7 +163,9 @@ def test_parallel_walls_leave_what_is_along_them_unknown(drift):
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_pole_or_two_are_too_few(count):
-    make = lambda rng: worlds.poles(rng.uniform(-20.0, 20.0, (count, 2)), rng)  # noqa: E731  # short
+    def make(rng):
+        return worlds.poles(rng.uniform(-20.0, 20.0, (count, 2)), rng)
+
     for drift in DRIFTS:
         for one in study(make, *drift, 1.0, seeds=10)[1]:
             assert one.verdict is Verdict.TOO_FEW
@@ -207,7 +210,7 @@ def test_two_places_that_have_nothing_in_common_are_not_associated(there):
 
 def test_empty_sets():
     world = worlds.world(np.random.default_rng(3))
-    none = worlds.take(world, slice(0, 0))
+    none = take(world, slice(0, 0))
     for earlier, later in ((none, none), (world, none), (none, world)):
         found = associate(earlier, later)
         assert found.verdict is Verdict.TOO_FEW and not len(found)
@@ -230,7 +233,7 @@ def test_the_order_of_the_rows_changes_only_their_numbers():
     looks = worlds.looks(worlds.world(rng), rng, 1.0, 5.0)
     first = associate(looks.earlier, looks.later)
     p, q = rng.permutation(len(looks.earlier)), rng.permutation(len(looks.later))
-    second = associate(worlds.take(looks.earlier, p), worlds.take(looks.later, q))
+    second = associate(take(looks.earlier, p), take(looks.later, q))
     again = np.column_stack([p[second.pairs[:, 0]], q[second.pairs[:, 1]]])
     order = np.argsort(again[:, 0])
     assert again[order].tolist() == first.pairs.tolist()
@@ -274,7 +277,7 @@ def perturbed(found, row, motion, place):
 def pair_of_each_kind(rng):
     """Two sets of three landmarks, one of each kind; nearly the same."""
     world = worlds.world(rng, planes=1, lines=1, blobs=1)
-    world = worlds.take(world, [0, 1, 2])
+    world = take(world, [0, 1, 2])
     return world, worlds.noisy(world, rng)
 
 

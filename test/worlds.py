@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ellipseg_ros.data import DETERMINED, Kind, Landmarks
+from ellipseg_ros.landmark_map import take
 
 NOISE = {  # m or rad: of the determined motions, by kind
     Kind.PLANE: (0.02, 0.004, 0.004),
@@ -44,13 +45,6 @@ def landmarks(kind, position, axes, half, covariance=None):
         covariance=covariance,
         stability=np.zeros(n),
         first_seen_ns=np.zeros(n, np.int64),
-    )
-
-
-def take(found, rows):
-    """Some rows of a set."""
-    return replace(
-        found, **{name: getattr(found, name)[rows] for name in Landmarks.__dataclass_fields__}
     )
 
 
