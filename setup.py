@@ -19,6 +19,7 @@ NAME = "ellipseg_ros"
 ROOT = Path(__file__).resolve().parent  # colcon runs a symlink of this file in its build folder
 
 NODES = {
+    "associator": "ellipseg_ros.ros.associator_node",
     "replayer": "ellipseg_ros.ros.replayer",
     "segmenter": "ellipseg_ros.ros.segmenter_node",
 }

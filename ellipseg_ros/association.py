@@ -17,7 +17,7 @@ from ellipseg_ros.config import AssociationConfig
 from ellipseg_ros.core.candidates import Bounds
 from ellipseg_ros.core.hypotheses import Hypothesis, Problem, hopeful, hypotheses, pose
 from ellipseg_ros.core.pairing import compare, scratch, things
-from ellipseg_ros.data import Array, Association, Landmarks, Verdict
+from ellipseg_ros.data import DETERMINED, Array, Association, Kind, Landmarks, Verdict
 from ellipseg_ros.errors import InputError
 
 CHANCE = 5.0  # evidence that chance gives now and then
@@ -47,6 +47,29 @@ def associate(
     if not len(odds) or (odds[0] < LEAST and by_chance >= odds[1:].sum()):
         return _nothing(problem, config)
     return _conclude(problem, found, odds, orders, config)
+
+
+def warm_up() -> None:
+    """Compile all kernels, or load them from the cache."""
+    kind = np.repeat(np.array(list(Kind), np.uint8), 2)
+    n = len(kind)
+    covariance = np.zeros((n, 6, 6))
+    for row, motions in enumerate(DETERMINED[Kind(k)] for k in kind):
+        covariance[row, motions, motions] = 1e-4
+    small = Landmarks(
+        ids=np.arange(1, n + 1, dtype=np.uint32),
+        kind=kind,
+        count=np.full(n, 10),
+        position=np.arange(3.0 * n).reshape(n, 3) ** 1.5,
+        axes=np.tile(np.eye(3), (n, 1, 1)),
+        sigma=np.ones((n, 3)),
+        low=-np.ones((n, 3)),
+        high=np.ones((n, 3)),
+        covariance=covariance,
+        stability=np.zeros(n),
+        first_seen_ns=np.zeros(n, np.int64),
+    )
+    associate(small, small)
 
 
 @dataclass(frozen=True)
@@ -123,6 +146,7 @@ def _conclude(
     best = found[0]
     doubtful = odds[0] < LEAST
     covariance = _mixture(problem, found, odds) if doubtful else best.covariance
+    covariance = covariance + _common_error(problem, config.noise)
     unknown, lever = _unknown(problem, covariance, config.known)
     known = Verdict.PARTIAL if unknown.shape[1] else Verdict.KNOWN
     probability = _probabilities(problem, found, odds)
@@ -171,10 +195,20 @@ def _mixture(problem: Problem, found: list[Hypothesis], odds: Array) -> Array:
     return total
 
 
+def _common_error(problem: Problem, noise: float) -> Array:
+    """What no number of pairs averages out: each window is bent by the drift within it."""
+    return np.diag(np.repeat([noise, noise / _lever(problem)], 3) ** 2)
+
+
+def _lever(problem: Problem) -> float:
+    """Distance of the later landmarks from their centroid, as root mean square; at least 1 m."""
+    apart = problem.later.position - problem.centre
+    return max(1.0, math.sqrt((apart**2).sum() / max(1, len(apart))))
+
+
 def _unknown(problem: Problem, covariance: Array, known: float) -> tuple[Array, float]:
     """The motions that are not known, rotations as lengths at a lever; and the lever."""
-    apart = problem.later.position - problem.centre
-    lever = max(1.0, math.sqrt((apart**2).sum() / max(1, len(apart))))
+    lever = _lever(problem)
     scale = np.repeat([1.0, lever], 3)
     variances, directions = np.linalg.eigh(covariance * np.outer(scale, scale))
     directions = directions[:, variances > known * known]

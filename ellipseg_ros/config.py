@@ -241,7 +241,8 @@ class AssociationConfig(Checked):
     )
     noise: float = setting(
         0.02,
-        "two looks at one thing differ by this beyond what their covariances say",
+        "two looks at one thing differ by this beyond what their covariances say; and the "
+        "transform is no surer, for the drift within a window bends it",
         unit="m",
         low=1e-4,
         high=10.0,
@@ -302,6 +303,18 @@ class MapConfig(Checked):
         high=86400.0,
     )
     max_landmarks: int = setting(20_000, "of more, the oldest are forgotten", low=1, high=500_000)
+
+
+@dataclass(frozen=True)
+class AssociatorConfig(Checked):
+    """Where the associator keeps its map."""
+
+    map_file: str = setting(
+        "",
+        "file that ~/save writes and ~/load reads, and that is read at the start if it is there; "
+        "empty: none",
+        live=False,
+    )
 
 
 @dataclass(frozen=True)

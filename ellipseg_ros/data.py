@@ -300,6 +300,11 @@ class Verdict(IntEnum):
     AMBIGUOUS = 2  # another transform explains the landmarks nearly as well
     TOO_FEW = 3  # what agrees may agree by chance
 
+    @property
+    def tells(self) -> bool:
+        """Whether there is one transform, known in some directions at least."""
+        return self in (Verdict.KNOWN, Verdict.PARTIAL)
+
 
 @dataclass(frozen=True)
 class Association:

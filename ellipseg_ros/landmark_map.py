@@ -1,6 +1,6 @@
 """Landmarks that have left the window, kept to be recognized later."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -160,6 +160,3 @@ class LandmarkMap:
             self.stored.frame_id,
             self.stored.next_id + len(added),
         )
-
-
-assert set(ROW_SHAPES) == {field.name for field in fields(Landmarks)}

@@ -8,7 +8,15 @@ from pathlib import Path
 import pytest
 
 from ellipseg_ros.cli.parser import build_parser
-from ellipseg_ros.config import Config, NodeConfig, walk
+from ellipseg_ros.config import (
+    AssociationConfig,
+    AssociatorConfig,
+    Checked,
+    Config,
+    MapConfig,
+    NodeConfig,
+    walk,
+)
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -16,10 +24,10 @@ DOCS = sorted((ROOT / "docs").glob("*.md"))
 PAGES = [ROOT / "README.md", *DOCS]
 
 
-def parameter_table() -> str:
-    """The README's table of parameters."""
+def parameter_table(*records: Checked) -> str:
+    """A table of the README."""
     rows = ["| parameter | type | default | unit | range | what |", "| --- " * 6 + "|"]
-    for config in (Config(), NodeConfig()):
+    for config in records:
         for name, value, about in walk(config):
             limits = ", ".join(about.choices)
             if about.low is not None:
@@ -46,7 +54,14 @@ def command_lines() -> list[list[str]]:
 
 def test_the_parameters_are_those_of_config() -> None:
     shown = README.split("compares this table with config.py -->\n")[1]
-    assert shown.split("\n<!-- end of parameters -->")[0] == parameter_table()
+    assert shown.split("\n<!-- end of parameters -->")[0] == parameter_table(
+        Config(), NodeConfig()
+    )
+
+
+def test_the_parameters_of_the_associator_are_those_of_config() -> None:
+    shown = README.split("compares this one, too -->\n")[1].split("\n<!-- end")[0]
+    assert shown == parameter_table(AssociationConfig(), MapConfig(), AssociatorConfig())
 
 
 def test_the_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,6 +123,7 @@ def test_the_paper_page_names_code_that_exists() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_named_settings_exist(page: Path) -> None:
-    known = {name for config in (Config(), NodeConfig()) for name, _, _ in walk(config)}
+    configs = (Config(), NodeConfig(), AssociationConfig(), MapConfig())
+    known = {name for config in configs for name, _, _ in walk(config)}
     named = re.findall(r"`((?:graph|model|max|marker)[._]\w+)(?::[^`]*)?`", page.read_text())
     assert set(named) <= known

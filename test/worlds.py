@@ -123,7 +123,8 @@ def noisy(found, rng):
             )
         if kind is Kind.LINE:
             axes[row] = axes[row] @ Rotation.from_euler("x", rng.uniform(0, 6)).as_matrix()
-    return replace(found, position=position, axes=axes)
+    ids = np.arange(1, len(found) + 1, dtype=np.uint32)
+    return replace(found, ids=ids, position=position, axes=axes)
 
 
 def drift(rng, length, degrees, about):

@@ -114,10 +114,10 @@ def description(about: Setting) -> str:
     return f"{about.about} [{about.unit}]" if about.unit else about.about
 
 
-def as_yaml(*records: Checked) -> str:
+def as_yaml(*records: Checked, of: str = "segmenter") -> str:
     """A parameter file with every setting, its meaning and limits: what config/ holds."""
     lines = [
-        "# Every parameter of the segmenter and its default; written from ellipseg_ros/config.py.",
+        f"# Every parameter of the {of} and its default; written from ellipseg_ros/config.py.",
         "/**:",
         "  ros__parameters:",
     ]
@@ -131,6 +131,8 @@ def as_yaml(*records: Checked) -> str:
             indent = "    " + "  " * len(path)
             lines += [f"{indent}# {line}" for line in _comment(about)]
             shown = str(value).lower() if isinstance(value, bool) else value
+            if value == "":
+                shown = '""'
             lines.append(f"{indent}{last}: {shown}")
     return "\n".join(lines) + "\n"
 

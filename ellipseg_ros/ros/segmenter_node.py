@@ -4,7 +4,7 @@ import re
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
@@ -19,6 +19,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
+from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
@@ -172,15 +173,7 @@ class SegmenterNode:
 
     def _report(self) -> None:
         report = self._health.report(self._backlog.waiting())
-        status = DiagnosticStatus(
-            level=bytes([report.level]),
-            name=f"{self.node.get_fully_qualified_name().lstrip('/')}: segmentation",
-            message=report.message,
-            values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.node.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(diagnostic_message(self.node, "segmentation", report))
 
 
 def looks_like_a_sensor(frame_id: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPTS = {"ellipseg", "replayer", "segmenter"}
+SCRIPTS = {"associator", "ellipseg", "replayer", "segmenter"}
 READY_WITHIN = 180.0  # s; it compiles everything anew
 ANSWER_WITHIN = 60.0  # s
 STOP_WITHIN = 20.0  # s

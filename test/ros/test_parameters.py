@@ -9,7 +9,14 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ellipseg_ros.config import Config, NodeConfig, flatten
+from ellipseg_ros.config import (
+    AssociationConfig,
+    AssociatorConfig,
+    Config,
+    MapConfig,
+    NodeConfig,
+    flatten,
+)
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.ros.parameters import Parameters, as_yaml
 
@@ -91,9 +98,19 @@ def test_the_file_in_config_says_what_config_py_says():
     """If not: write as_yaml(Config(), NodeConfig()) to config/segmenter.yaml."""
     text = (ROOT / "config" / "segmenter.yaml").read_text(encoding="utf-8")
     assert text == as_yaml(Config(), NodeConfig())
+
     assert flat(yaml.safe_load(text)["/**"]["ros__parameters"]) == (
         flatten(Config()) | flatten(NodeConfig())
     )
+
+
+def test_the_file_of_the_associator_holds_the_defaults():
+    """If not: write what is compared here to config/associator.yaml."""
+    text = (ROOT / "config" / "associator.yaml").read_text(encoding="utf-8")
+    records = (AssociationConfig(), MapConfig(), AssociatorConfig())
+    assert text == as_yaml(*records, of="associator")
+    values = yaml.safe_load(text)["/**"]["ros__parameters"]
+    assert values == {name: value for record in records for name, value in flatten(record).items()}
 
 
 def test_ros_reads_the_file_as_the_defaults(make_node):

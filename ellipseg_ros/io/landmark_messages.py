@@ -1,0 +1,65 @@
+"""LandmarkArray -> Landmarks, from any object with its fields."""
+
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.data import SECOND, Array, Landmarks
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.landmark_map import check
+
+
+def read_landmarks(message: Any) -> Landmarks:
+    """The landmarks of a message, ascending by id.
+
+    Raises InputError, in one line, for what cannot be: a kind that there is not, ids that occur
+    twice, numbers that are not finite, an orientation of length 0.
+    """
+    rows = sorted(message.landmarks, key=lambda landmark: landmark.id)
+    orientation = _table([_xyzw(row.orientation) for row in rows], 4)
+    length = np.sqrt((orientation**2).sum(axis=1))
+    if not (np.abs(length - 1.0) < 1e-3).all():
+        raise InputError("a landmark's orientation is not of length 1", "orientation")
+    found = Landmarks(
+        ids=np.array([row.id for row in rows], np.uint32),
+        kind=np.array([row.kind for row in rows], np.uint8),
+        count=np.array([row.count for row in rows], np.int64),
+        position=_points(rows, "position"),
+        axes=rotations(orientation / length[:, None]),
+        sigma=_table([row.sigma for row in rows], 3),
+        low=_points(rows, "low"),
+        high=_points(rows, "high"),
+        covariance=_table([row.covariance for row in rows], 36).reshape(-1, 6, 6),
+        stability=np.array([row.stability for row in rows], np.float64),
+        first_seen_ns=np.array(
+            [row.first_seen.sec * SECOND + row.first_seen.nanosec for row in rows], np.int64
+        ),
+    )
+    if (np.diff(found.ids.astype(np.int64)) == 0).any():
+        raise InputError("a landmark's id occurs twice", "ids")
+    check(found)
+    return found
+
+
+def rotations(quaternions: Array) -> Array:
+    """(n, 4) x, y, z, w of length 1 -> (n, 3, 3)."""
+    x, y, z, w = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))
+
+
+def _xyzw(quaternion: Any) -> tuple[float, float, float, float]:
+    return quaternion.x, quaternion.y, quaternion.z, quaternion.w
+
+
+def _points(rows: list[Any], name: str) -> Array:
+    points = (getattr(row, name) for row in rows)
+    return _table([(point.x, point.y, point.z) for point in points], 3)
+
+
+def _table(rows: list[Any], width: int) -> Array:
+    return np.array(rows, np.float64).reshape(len(rows), width)

@@ -1,0 +1,237 @@
+"""The associator over DDS: recognizes a world that comes again, keeps it, saves and loads it."""
+
+import signal
+
+import numpy as np
+import pytest
+import worlds
+from diagnostic_msgs.msg import DiagnosticArray
+from harness import SECOND, nanoseconds, peer, running
+from scipy.spatial.transform import Rotation
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ellipseg_ros.association import associate
+from ellipseg_ros.data import Verdict
+from ellipseg_ros.io.landmark_messages import read_landmarks
+from ellipseg_ros.io.map_file import read_map, write_map
+from ellipseg_ros.landmark_map import Stored, no_landmarks, take
+from ellipseg_ros.msg import Association, Landmark, LandmarkArray
+
+NODE = "/ellipseg_associator"
+
+
+@pytest.fixture(scope="module")
+def domain(session_ros_domain):
+    return session_ros_domain
+
+
+def message(found, stamp, frame_id="odom"):
+    """A LandmarkArray; stamp in s."""
+    made = LandmarkArray()
+    made.header.frame_id = frame_id
+    made.header.stamp.sec = stamp
+    for row in range(len(found)):
+        landmark = Landmark(
+            id=int(found.ids[row]),
+            kind=int(found.kind[row]),
+            count=int(found.count[row]),
+            sigma=found.sigma[row],
+            covariance=found.covariance[row].ravel(),
+            stability=float(found.stability[row]),
+        )
+        for name in ("position", "low", "high"):
+            point = getattr(landmark, name)
+            point.x, point.y, point.z = getattr(found, name)[row].tolist()
+        q = landmark.orientation
+        q.x, q.y, q.z, q.w = Rotation.from_matrix(found.axes[row]).as_quat().tolist()
+        made.landmarks.append(landmark)
+    return made
+
+
+def scene(seed=0, drift=(1.0, 4.0)):
+    rng = np.random.default_rng(seed)
+    return worlds.looks(worlds.world(rng), rng, *drift)
+
+
+class Meeting:
+    """A peer that hears and says what these tests need."""
+
+    def __init__(self, me):
+        self.me = me
+        self.associations = me.listen(Association, "associations")
+        self.markers = me.listen(MarkerArray, "association_markers")
+        self.diagnostics = me.listen(DiagnosticArray, "/diagnostics")
+        self.landmarks = me.speak(LandmarkArray, "landmarks")
+
+    def update(self, found, stamp, **options):
+        """Send landmarks, and wait for the association and its markers."""
+        self.landmarks.send(message(found, stamp, **options))
+
+        def fits(heard):
+            return nanoseconds(heard.header.stamp) == stamp * SECOND
+
+        self.marker = self.markers.wait(lambda heard: fits(heard.markers[0])).markers[0]
+        return self.associations.wait(fits)
+
+    def call(self, service):
+        return self.me.call(Trigger, f"{NODE}/{service}")
+
+
+@pytest.fixture(scope="module")
+def node(domain, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("associator")
+    path = folder / "map.npz"
+    arguments = ["-p", f"map_file:={path}", "-p", "delay:=10.0", "-p", "min_age:=0.0"]
+    with running("associator_node", arguments, folder / "log") as process, peer(domain) as me:
+        found = Meeting(me)
+        found.process, found.path = process, path
+        yield found
+
+
+def test_a_world_that_comes_again_is_recognized(node):
+    looks = scene()
+    first = node.update(looks.earlier, 1)
+    assert first.verdict == Association.TOO_FEW and first.map_landmarks == 0
+    assert node.marker.action == Marker.DELETE
+    node.update(no_landmarks(), 2)
+    early = node.update(looks.later, 3)
+    assert early.map_landmarks == 0  # the delay is not over
+    again = node.update(looks.later, 20)
+    assert again.map_landmarks == len(looks.earlier)
+
+    # The map's ids are rows + 1, since nothing was in it before.
+    expected = associate(looks.earlier, looks.later)
+    pairs = [(pair.map_id - 1, pair.landmark_id - 1) for pair in again.pairs]
+    assert pairs == [tuple(pair) for pair in expected.pairs]
+    assert again.verdict == expected.verdict < Verdict.AMBIGUOUS
+    assert {nanoseconds(pair.map_seen) for pair in again.pairs} == {SECOND}
+    np.testing.assert_allclose(
+        [pair.distance for pair in again.pairs], expected.distance, atol=1e-6
+    )
+    t, q = again.transform.translation, again.transform.rotation
+    np.testing.assert_allclose([t.x, t.y, t.z], expected.T_earlier_later[:3, 3], atol=1e-6)
+    turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+    np.testing.assert_allclose(turn, expected.T_earlier_later[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(again.covariance, expected.covariance.ravel(), rtol=1e-6)
+    assert len(again.unknown) == expected.unknown.size
+    assert list(again.unknown_names) == expected.unknown_names
+
+    assert node.marker.action == Marker.ADD
+    ends = np.array([(p.x, p.y, p.z) for p in node.marker.points]).reshape(-1, 2, 3)
+    np.testing.assert_allclose(ends[:, 0], looks.earlier.position[expected.pairs[:, 0]])
+    np.testing.assert_allclose(ends[:, 1], looks.later.position[expected.pairs[:, 1]])
+
+
+def test_what_was_recognized_does_not_enter_twice(node):
+    node.update(no_landmarks(), 90)
+    assert node.call("clear").success
+    looks = scene(1)
+    node.update(looks.earlier, 100)
+    node.update(no_landmarks(), 101)
+    pairs = len(node.update(looks.later, 120).pairs)
+    assert pairs > 10
+    node.update(no_landmarks(), 121)
+    total = node.update(no_landmarks(), 140).map_landmarks
+    assert total == len(looks.earlier) + len(looks.later) - pairs
+
+
+def test_saved_and_loaded_it_is_the_same(node):
+    before = node.update(no_landmarks(), 200).map_landmarks
+    assert before > 0
+    answer = node.call("save")
+    assert answer.success and answer.message == f"{before} landmarks written to {node.path}"
+    assert len(read_map(node.path)) == before
+    assert node.call("clear").message == f"{before} landmarks forgotten"
+    assert node.update(no_landmarks(), 201).map_landmarks == 0
+    answer = node.call("load")
+    assert answer.success and answer.message == f"{before} landmarks read from {node.path}"
+    assert node.update(no_landmarks(), 202).map_landmarks == before
+
+
+def test_a_file_that_is_no_map_is_refused_and_the_map_stays(node):
+    before = node.update(no_landmarks(), 300).map_landmarks
+    node.path.write_bytes(b"no map")
+    answer = node.call("load")
+    assert not answer.success and "is no map of landmarks" in answer.message
+    assert "\n" not in answer.message
+    assert node.update(no_landmarks(), 301).map_landmarks == before
+
+
+def test_bad_landmarks_are_rejected_and_told(node):
+    bad = message(scene().earlier, 400)
+    bad.landmarks[0].position.x = float("nan")
+    heard = len(node.diagnostics.messages)
+    node.landmarks.send(bad)
+
+    def told(report):
+        return "position has a value that is not finite" in report.status[0].message
+
+    status = node.diagnostics.wait(told, heard).status[0]
+    assert status.name == "ellipseg_associator: association" and status.level > b"\x00"
+    heard = len(node.diagnostics.messages)
+    node.landmarks.send(message(scene().earlier, 401, frame_id="elsewhere"))
+    node.diagnostics.wait(lambda r: "in frame elsewhere; the map is in odom" in str(r), heard)
+    assert node.update(no_landmarks(), 402).header.frame_id == "odom"
+
+
+def test_parameters_change_live_but_for_the_file(node):
+    assert node.me.set(NODE, max_translation=2)[0].successful
+    refused = node.me.set(NODE, max_translation=-1.0)[0]
+    assert not refused.successful and "out of range" in refused.reason
+    assert not node.me.set(NODE, map_file="/elsewhere")[0].successful
+    assert node.me.set(NODE, max_translation=3.0)[0].successful
+
+
+def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
+    looks = scene(2)
+    path = tmp_path / "map.npz"
+    ids = np.arange(1, len(looks.earlier) + 1, dtype=np.uint32)
+    seen = np.full(len(ids), 5 * SECOND)
+    write_map(path, Stored(take(looks.earlier, slice(None)), seen, "odom", int(ids[-1]) + 1))
+    with (
+        running(
+            "associator_node", ["-p", f"map_file:={path}", "-r", "__ns:=/two"], tmp_path / "log"
+        ) as process,
+        peer(domain, "/two") as me,
+    ):
+        found = Meeting(me)
+        heard = found.update(looks.later, 1000)
+        assert len(heard.pairs) > 10
+        assert heard.map_landmarks == len(ids)
+        process.signal(signal.SIGINT)
+        assert process.wait() == 0
+        assert found.markers.wait(lambda m: m.markers[0].action == Marker.DELETEALL)
+
+
+def test_a_map_that_cannot_be_read_ends_the_start_in_one_line(domain, tmp_path):
+    path = tmp_path / "map.npz"
+    path.write_bytes(b"no map")
+    with running("associator_node", ["-p", f"map_file:={path}"], tmp_path / "log") as process:
+        assert process.wait() == 2
+        assert "is no map of landmarks" in process.said and "Traceback" not in process.said
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (lambda landmark: setattr(landmark, "kind", 7), "kind is 7"),
+        (lambda landmark: setattr(landmark, "id", 2), "occurs twice"),
+        (lambda landmark: setattr(landmark.orientation, "w", 3.0), "not of length 1"),
+        (lambda landmark: setattr(landmark.position, "x", np.inf), "not finite"),
+    ],
+)
+def test_what_are_no_landmarks_is_refused(spoil, why):
+    made = message(scene().earlier, 1)
+    spoil(made.landmarks[0])
+    with pytest.raises(Exception, match=why):
+        read_landmarks(made)
+
+
+def test_landmarks_of_a_message_are_those_that_went_in():
+    found = scene().earlier
+    back = read_landmarks(message(found, 1))
+    for name in ("ids", "kind", "count", "position", "sigma", "low", "high", "covariance"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(found, name))
+    np.testing.assert_allclose(back.axes, found.axes, atol=1e-12)
+    assert len(read_landmarks(message(no_landmarks(), 1))) == 0
