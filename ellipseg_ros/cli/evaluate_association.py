@@ -5,13 +5,16 @@ from argparse import Namespace
 from pathlib import Path
 
 from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.scan import SEARCH
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.measuring.packages import load
 from ellipseg_ros.simulator import SCENES
+from ellipseg_ros.twopasses.methods import GRIDS, OURS
 from ellipseg_ros.twopasses.page import blocks, page
 from ellipseg_ros.twopasses.picture import draw
+from ellipseg_ros.twopasses.recording import study_recording
 from ellipseg_ros.twopasses.study import Plan, Results, gathered, study
 
 NAMES = ("association.md", "association.json", "association.png")
@@ -37,7 +40,10 @@ def association(args: Namespace) -> int:
             runs.append(run)
             if args.output:  # whoever gives up in between can go on from it
                 _keep({"machine": machine} | gathered(runs), Path(args.output))
-    results = {"machine": machine} | gathered(runs)
+        results = {"machine": machine} | gathered(runs)
+        if args.recording:
+            source = open_input(args.recording, args)
+            results["recording"] = study_recording(source, [OURS, *GRIDS], begin)
     if args.json:
         print(json.dumps(results, indent=2))
     elif not args.quiet:

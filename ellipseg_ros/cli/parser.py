@@ -268,6 +268,10 @@ def _association(command: argparse.ArgumentParser) -> None:
         metavar="JSON",
         help="results of earlier runs of this code: what is in them is not measured again",
     )
+    command.add_argument(
+        "--recording", metavar="SOURCE", help=f"windows of it are associated, too: {SOURCES}"
+    )
+    command.add_argument("--topic", default="", help="of the clouds, if a bag has several")
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
     _talk(command)
 

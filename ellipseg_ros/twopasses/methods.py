@@ -113,6 +113,7 @@ def as_landmarks(what: Gaussians) -> Landmarks:
 
 
 OURS = Method("landmarks", our_landmarks)
+GRIDS = [Method(f"voxels of {edge:g} m", partial(voxels, edge=edge)) for edge in VOXELS]
 OTHERS = [
     *(
         Method(f"ellipsoids, {name}, {what}", partial(_find, criterion=name, threshold=at[name]))
@@ -121,5 +122,5 @@ OTHERS = [
         for name in CRITERIA
     ),
     Method("initial ellipsoids", initial_ellipsoids),
-    *(Method(f"voxels of {edge:g} m", partial(voxels, edge=edge)) for edge in VOXELS),
+    *GRIDS,
 ]

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.measuring.markdown import machine_line, table
+from ellipseg_ros.twopasses.recognition_page import recognition_blocks
 from ellipseg_ros.twopasses.study import Results, chosen, mean_error, share
 
 KINDS = ("plane", "line", "blob")
@@ -33,7 +34,8 @@ asked. Repeatability is the share of the repeated ones, of those seen and of all
 
 def blocks(results: Results) -> list[str]:
     """The tables, each with a line before it."""
-    return [*_ours(results), *_others(results), *_errors(results)]
+    repeated = [*_ours(results), *_others(results), *_errors(results)]
+    return [*repeated, *recognition_blocks(results)]
 
 
 def page(results: Results) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ellipseg_ros.twopasses.methods import OTHERS, OURS, Method
 from ellipseg_ros.twopasses.passes import FIRST, SECOND, TwoPasses, drive
+from ellipseg_ros.twopasses.recognition import in_one_frame, recognitions
 from ellipseg_ros.twopasses.repeatability import errors, scores, truth
 
 Results = dict[str, Any]
@@ -47,6 +48,8 @@ def _runs(scene: str, seed: int, methods: list[Method]) -> list[Results]:
             later = method.find(passes.later.sweep.points)
             run: Results = {"scene": scene, "seed": seed, "direction": direction}
             run |= {"method": method.name, **scores(passes, earlier, later)}
+            sets = in_one_frame(passes, earlier, later)
+            run["association"] = recognitions(sets, seed, honest=method == OURS)
             if method == OURS:
                 run["errors"] = errors(truth(passes, earlier, later))
             runs.append(run)
