@@ -40,7 +40,7 @@ def association(args: Namespace) -> int:
             runs.append(run)
             if args.output:  # whoever gives up in between can go on from it
                 _keep({"machine": machine} | gathered(runs), Path(args.output))
-        results = {"machine": machine} | gathered(runs)
+        results: Results = {"machine": machine, **gathered(runs)}
         if args.recording:
             source = open_input(args.recording, args)
             results["recording"] = study_recording(source, [OURS, *GRIDS], begin)
