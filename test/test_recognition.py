@@ -14,6 +14,7 @@ from ellipseg_ros.twopasses.recognition import (
     DRIFTS,
     Sets,
     correct,
+    in_common,
     of_budget,
     recognition,
     recognitions,
@@ -30,7 +31,12 @@ def sets(seed=0):
     number = np.arange(len(looks.later))
     earlier = np.full(len(looks.earlier), 1000) + np.arange(len(looks.earlier))
     earlier[looks.same[:, 0]] = number[looks.same[:, 1]]
-    return Sets(looks.earlier, looks.later, earlier, number), len(looks.same)
+    return Sets(looks.earlier, looks.later, whole(earlier), whole(number)), len(looks.same)
+
+
+def whole(numbers):
+    """Landmarks that are of one thing each."""
+    return [{int(number): 1.0} for number in numbers]
 
 
 @pytest.mark.parametrize("drift", DRIFTS.values())
@@ -44,9 +50,10 @@ def test_what_is_right_counts_as_right(drift):
 
 def test_a_pair_of_two_things_counts_as_wrong():
     both, _ = sets()
-    found = recognition(both._replace(thing_later=both.thing_later + 5000), (0.5, 3.0), 1, True)
+    others = [{thing + 5000: 1.0 for thing in shares} for shares in both.things_later]
+    found = recognition(both._replace(things_later=others), (0.5, 3.0), 1, True)
     assert found["pairs"] > 20 and found["right"] == 0
-    unknown = recognition(both._replace(thing_later=both.thing_later * 0 - 1), (0.5, 3.0), 1, True)
+    unknown = recognition(both._replace(things_later=[{}] * len(others)), (0.5, 3.0), 1, True)
     assert unknown["right"] == unknown["pairs"] == found["pairs"]
 
 
@@ -59,15 +66,17 @@ def test_a_pair_that_lies_apart_counts_as_wrong(row, limit):
         assert correct(world, other, np.array([row, row])) is right
 
 
-def test_the_thing_is_the_one_that_most_points_are_of():
+def test_things_are_shares_of_the_points():
     fields = np.zeros(7, [("instance", np.uint32)])
     fields["instance"] = [4, 4, 9, 9, 9, 2, 2]
     sweep = Sweep(0, np.zeros((7, 3)), fields=fields)
     world = take(worlds.world(np.random.default_rng(1)), [0, 1, 2])
     world = replace(world, of_point=np.array([0, 0, 0, 1, -1, -1, 1]))
-    assert things(world, sweep).tolist()[0] == 4
-    assert things(world, sweep).tolist()[2] == -1
-    assert things(world, replace(sweep, fields=None)).tolist() == [-1, -1, -1]
+    assert things(world, sweep) == [{4: 2 / 3, 9: 1 / 3}, {9: 0.5, 2: 0.5}, {}]
+    assert things(world, replace(sweep, fields=None)) == [{}, {}, {}]
+    assert in_common({4: 0.6, 9: 0.4}, {9: 0.7, 4: 0.3}) == pytest.approx(0.7)
+    assert in_common({4: 1.0}, {9: 1.0}) == 0.0
+    assert in_common({}, {9: 1.0}) == 1.0
 
 
 def test_of_too_many_those_of_the_most_points_are_taken():

@@ -12,10 +12,6 @@ from ellipseg_ros.data import Array, Kind, Landmarks
 PLANE_OFFSET, PLANE_ANGLE = 0.05, math.radians(1.5)  # m, rad
 LINE_OFFSET, LINE_ANGLE = 0.10, math.radians(3.0)
 BLOB_OFFSET = 0.3
-COLUMNS = (
-    *("ids", "kind", "count", "position", "axes", "sigma", "low", "high", "covariance"),
-    *("stability", "first_seen_ns"),
-)  # of Landmarks, with a row for each
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
@@ -34,11 +30,6 @@ def moved(landmarks: Landmarks, transform: Array) -> Landmarks:
         position=landmarks.position @ turn.T + transform[:3, 3],
         axes=turn @ landmarks.axes,
     )
-
-
-def taken(landmarks: Landmarks, rows: Array) -> Landmarks:
-    """Some of the landmarks; without what they are made of."""
-    return replace(landmarks, **{name: getattr(landmarks, name)[rows] for name in COLUMNS})
 
 
 def agreeing(earlier: Landmarks, later: Landmarks) -> Pairs:

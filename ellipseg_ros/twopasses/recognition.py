@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ellipseg_ros.twopasses.passes import TwoPasses
 
 DRIFTS = {"0.5 m, 3 degrees": (0.5, 3.0), "3 m, 10 degrees": (3.0, 10.0)}
 BUDGET = 500  # landmarks of a pass, which associate in 0.1 s: so many of any kind are compared
+COMMON = 0.5  # of their points that are of the same things: with fewer, a pair is wrong
 LOOSE = 3.0  # times the limits of agreement: farther apart, a pair is wrong
 UNSURE = AssociationConfig(noise=PLANE_OFFSET, angle_noise=math.degrees(PLANE_ANGLE))
 LIMITS = {  # m, rad
@@ -33,13 +34,16 @@ LIMITS = {  # m, rad
 }
 
 
+Shares: TypeAlias = dict[int, float]  # of a landmark's points, by thing; empty: not known
+
+
 class Sets(NamedTuple):
     """Landmarks of two passes, in the frame of the earlier one."""
 
     earlier: Landmarks
     later: Landmarks
-    thing_earlier: Array  # (earlier,) int64: number of the thing that most points are of
-    thing_later: Array  # (later,); -1: not known
+    things_earlier: list[Shares]  # of every landmark
+    things_later: list[Shares]
 
 
 def of_budget(landmarks: Landmarks) -> Array:
@@ -47,17 +51,25 @@ def of_budget(landmarks: Landmarks) -> Array:
     return np.sort(np.argsort(-landmarks.count, kind="stable")[:BUDGET])
 
 
-def things(landmarks: Landmarks, sweep: Sweep) -> Array:
-    """(l,) the thing that most points of a landmark are of; -1 where that is not known."""
-    found = np.full(len(landmarks), -1, np.int64)
+def things(landmarks: Landmarks, sweep: Sweep) -> list[Shares]:
+    """The things that the points of every landmark are of; a wall may be of several."""
+    found: list[Shares] = [{} for _ in range(len(landmarks))]
     if sweep.fields is None or "instance" not in (sweep.fields.dtype.names or ()):
         return found
     instance = sweep.fields["instance"].astype(np.int64)
     pairs = np.column_stack([landmarks.of_point, instance])[landmarks.of_point >= 0]
     rows, counts = np.unique(pairs, axis=0, return_counts=True)
-    order = np.argsort(counts, kind="stable")  # the last one of a landmark is written
-    found[rows[order, 0]] = rows[order, 1]
+    whole = np.bincount(pairs[:, 0], minlength=len(landmarks))
+    for (row, thing), count in zip(rows, counts, strict=True):
+        found[row][int(thing)] = float(count / whole[row])
     return found
+
+
+def in_common(one: Shares, other: Shares) -> float:
+    """Share of the points that are of the same things; 1 where that is not known."""
+    if not one or not other:
+        return 1.0
+    return sum(min(share, other.get(thing, 0.0)) for thing, share in one.items())
 
 
 def recognition(sets: Sets, drift: tuple[float, float], seed: int, honest: bool) -> dict[str, Any]:
@@ -75,9 +87,12 @@ def recognition(sets: Sets, drift: tuple[float, float], seed: int, honest: bool)
     found = associate(earlier, away, config)
     seconds = time.process_time() - started
     i, j = found.pairs.T
-    right = np.array([correct(earlier, later, pair) for pair in found.pairs], bool)
-    known = sets.thing_earlier[rows[0]][i], sets.thing_later[rows[1]][j]
-    right &= (known[0] == known[1]) | (known[0] < 0) | (known[1] < 0)
+    right = [
+        correct(earlier, later, pair)
+        and in_common(sets.things_earlier[rows[0][pair[0]]], sets.things_later[rows[1][pair[1]]])
+        >= COMMON
+        for pair in found.pairs
+    ]
     length, angle = known_error(found, transform)
     return {
         "landmarks": [len(earlier), len(later)],

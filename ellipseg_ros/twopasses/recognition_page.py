@@ -17,8 +17,9 @@ INTRODUCTION = f"""## Associated
 size in a random direction, and knows nothing of it. Of more than {BUDGET} landmarks a pass, those
 of the most points are taken: as many as are associated in 0.1 s.
 
-- precision: share of the pairs that are right: of one thing, and within three times the limits
-  above under the true transform; over all runs;
+- precision: share of the pairs that are right: at least half of their points are of the same
+  things (a wall may be of several), and they lie within three times the limits above under the
+  true transform; over all runs;
 - recall: pairs that agree, of the landmarks that have a counterpart that agrees;
 - error: of the transform along the directions that are said to be known, at the landmarks'
   centroid; median and worst of the runs that tell one;

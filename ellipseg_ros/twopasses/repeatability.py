@@ -7,7 +7,8 @@ import numpy as np
 from ellipseg_ros.comparison.scan import tree
 from ellipseg_ros.core.motions import motions, normalised
 from ellipseg_ros.data import Array, Kind, Landmarks
-from ellipseg_ros.twopasses.agreement import Pairs, agreeing, matrix, moved, taken
+from ellipseg_ros.landmark_map import take
+from ellipseg_ros.twopasses.agreement import Pairs, agreeing, matrix, moved
 from ellipseg_ros.twopasses.passes import TwoPasses
 
 CLOSE = 0.3  # m between points of the two passes that saw the same
@@ -95,7 +96,7 @@ def scores(passes: TwoPasses, here: Landmarks, later: Landmarks) -> dict[str, An
 def found_again(landmarks: Landmarks, others: Landmarks, rows: Array) -> Array:
     """(r,) bool: whether the landmarks `rows` agree with any of the others."""
     found = [
-        np.isin(np.arange(len(part)), agreeing(taken(landmarks, part), others).earlier)
+        np.isin(np.arange(len(part)), agreeing(take(landmarks, part), others).earlier)
         for part in np.array_split(rows, -(-len(rows) // AT_ONCE))
         if len(part)
     ]
