@@ -10,7 +10,7 @@ from typing import Any
 from ellipseg_ros.errors import EllipsegError
 
 START = "import sys; from ellipseg_ros.ros.listener import main; sys.exit(main())"
-TOPICS = 3
+TOPICS = 4
 FAREWELL = 10.0  # s
 
 

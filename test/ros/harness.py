@@ -110,6 +110,11 @@ class Inbox:
         self._wait(there, f"{len(self.messages) - start} messages, not the wanted one")
         return found[0]
 
+    def comes(self, wanted, seconds):
+        """Whether a message for which wanted(message) is true is there within so many seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: any(map(wanted, self.messages)), seconds)
+
     def wait_for(self, count):
         """Wait until so many messages have come."""
         self._wait(lambda: len(self.messages) >= count, f"less than {count} messages")

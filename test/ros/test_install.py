@@ -225,7 +225,7 @@ def test_pip_installs_everything_that_is_needed(source, tmp_path):
 
     check_modules(python, prefix, env, elsewhere)
     check_files(prefix)
-    assert executables(prefix / "lib" / "ellipseg_ros") == {"replayer", "segmenter"}
+    assert executables(prefix / "lib" / "ellipseg_ros") == SCRIPTS - {"ellipseg"}
     assert executables(prefix / "bin") >= SCRIPTS
     assert "segment" in run(prefix / "bin" / "ellipseg", "--help", cwd=elsewhere, env=env)
     (marker,) = prefix.glob("lib/python*/site-packages/ellipseg_ros/py.typed")

@@ -219,11 +219,17 @@ def test_a_wall_comes_back_on_every_topic(node, start):
 
 
 def test_a_best_effort_publisher_is_heard(node, start, domain):
+    def heard(message):
+        return nanoseconds(message.header.stamp) >= start * SECOND and message.segmented > 0
+
     with peer(domain) as other:
         points = other.speak(PointCloud2, "/points", ReliabilityPolicy.BEST_EFFORT)
-        points.send(wall(start))
-        points.send(wall(start + 1.0))
-        assert update(node, start + 1.0).segmented > 0
+        for second in range(0, 30, 2):  # such a publisher sends nothing twice: some may get lost
+            points.send(wall(start + second))
+            points.send(wall(start + second + 1.0))
+            if node.segments.comes(heard, 5.0):
+                break
+        assert node.segments.comes(heard, 0.0)
 
 
 def test_points_that_are_no_numbers_are_counted(node, start):
