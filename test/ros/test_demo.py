@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from visualization_msgs.msg import Marker
 
 from ellipseg_ros.cli import check, node_process
 from ellipseg_ros.cli.main import main
+from ellipseg_ros.cli.report import show
 from ellipseg_ros.io.bag import read_messages
 
 LIMIT = 240.0  # s: the node may have to compile first
@@ -58,6 +60,13 @@ def test_every_update_is_that_of_the_offline_run(demo):
     assert summary["updates"] == 4  # the last one of the half second that is left
     assert summary["checks"]["equal to offline"] == "4 of 4 updates, bit for bit"
     assert json.loads((folder / "summary.json").read_text()) == summary
+
+
+def test_the_summary_can_be_read_by_people(demo, capsys):
+    summary, _ = demo
+    show(summary, Namespace(json=False, quiet=False))
+    shown = capsys.readouterr().out
+    assert "equal to offline       4 of 4 updates" in shown and "latency" in shown
 
 
 def test_the_bag_holds_changes_too(demo):
