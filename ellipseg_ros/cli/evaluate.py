@@ -7,7 +7,7 @@ from typing import Any
 
 from ellipseg_ros.cli.evaluate_association import association
 from ellipseg_ros.cli.evaluate_scale import scale
-from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.report import say, show_page, steps
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.page import blocks, page
 from ellipseg_ros.comparison.picture import draw, draw_scene
@@ -38,19 +38,9 @@ def partition(args: Namespace) -> int:
     counts = tuple(sorted(set(args.counts)))
     plan = Plan(counts, args.limit, earlier(args.add_to, counts) if args.add_to else {})
     scans = [read(spec, args) for spec in args.sources]
-    with progress(len(scans) * len(methods), "runs", args) as bar:
-
-        def begin(what: str) -> None:
-            bar.set_description(what)
-            bar.update()
-            if bar.disable:  # no terminal: lines instead of a bar
-                say(f"{what} ...", args)
-
+    with steps(len(scans) * len(methods), "runs", args) as begin:
         results = study(scans, methods, plan, begin)
-    if args.json:
-        print(json.dumps(results, indent=2))
-    elif not args.quiet:
-        print("\n".join(blocks(results)))
+    show_page(results, blocks, args)
     if args.output:
         write(results, Path(args.output), args)
     return 0

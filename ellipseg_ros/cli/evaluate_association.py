@@ -4,7 +4,7 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.report import say, show_page, steps
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.scan import SEARCH
 from ellipseg_ros.errors import EllipsegError
@@ -28,14 +28,7 @@ def association(args: Namespace) -> int:
     machine = describe()
     known = [run for path in args.add_to or [] for run in earlier(Path(path))]
     runs: list[Results] = []
-    with progress(len(plan.scenes) * len(plan.seeds), "scenes", args) as bar:
-
-        def begin(what: str) -> None:
-            bar.set_description(what)
-            bar.update()
-            if bar.disable:  # no terminal: lines instead of a bar
-                say(f"{what} ...", args)
-
+    with steps(len(plan.scenes) * len(plan.seeds), "scenes", args) as begin:
         for run in study(plan, known, begin):
             runs.append(run)
             if args.output:  # whoever gives up in between can go on from it
@@ -44,10 +37,7 @@ def association(args: Namespace) -> int:
         if args.recording:
             source = open_input(args.recording, args)
             results["recording"] = study_recording(source, [OURS, *GRIDS], begin)
-    if args.json:
-        print(json.dumps(results, indent=2))
-    elif not args.quiet:
-        print("\n".join(blocks(results)))
+    show_page(results, blocks, args)
     if args.output:
         _write(results, Path(args.output), args)
     return 0

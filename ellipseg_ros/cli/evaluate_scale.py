@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.report import progress, say, show_page
 from ellipseg_ros.cli.settings import read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.scale import study_scene
@@ -33,10 +33,7 @@ def scale(args: Namespace) -> int:
             scenes.append(one_scene(spec, config, args))
             bar.update()
     results = {"scale": config.objects.scale, "settings": changed(config), "scenes": scenes}
-    if args.json:
-        print(json.dumps(results, indent=2))
-    elif not args.quiet:
-        print("\n".join(blocks(results)))
+    show_page(results, blocks, args)
     if args.output:
         write(results, Path(args.output), args)
     return 0

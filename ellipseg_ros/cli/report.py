@@ -5,7 +5,7 @@ import resource
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -144,6 +144,28 @@ def progress(total: int | None, unit: str, args: Namespace) -> Progress:
     """A bar for long work; only on a terminal, and not with --quiet or --json."""
     hidden = True if args.quiet or args.json else None  # None: tqdm looks for the terminal
     return tqdm(total=total, unit=f" {unit}", disable=hidden, leave=False, dynamic_ncols=True)
+
+
+@contextmanager
+def steps(total: int, unit: str, args: Namespace) -> Iterator[Callable[[str], None]]:
+    """A bar, and what to call with a few words before each step of long work."""
+    with progress(total, unit, args) as bar:
+
+        def begin(what: str) -> None:
+            bar.set_description(what)
+            bar.update()
+            if bar.disable:  # no terminal: lines instead of a bar
+                say(f"{what} ...", args)
+
+        yield begin
+
+
+def show_page(results: Summary, blocks: Callable[[Summary], list[str]], args: Namespace) -> None:
+    """Print results: as JSON, as the blocks of their page, or not at all."""
+    if args.json:
+        print(json.dumps(results, indent=2))
+    elif not args.quiet:
+        print("\n".join(blocks(results)))
 
 
 def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
