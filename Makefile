@@ -23,7 +23,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # Tests and demo talk to processes of this machine only.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test lint format clean
+.PHONY: help setup demo test soak lint format clean
 
 help:
 	@cat <<-'END'
@@ -31,6 +31,7 @@ help:
 	make demo             runs the main job on a simulated scene, results in demo/
 	make demo DATA=path   the same on a bag or a cloud of yours
 	make test             runs lint and all tests
+	make soak             tries the node for an hour, long and hard
 	make lint             checks style and types
 	make format           formats the code
 	make clean            removes what the others have made
@@ -93,6 +94,10 @@ test: setup lint
 	trap 'rm -rf "$$cache"' EXIT
 	NUMBA_CACHE_DIR="$$cache" $(BIN)/python -m pytest -n 2 --dist loadscope
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadscope -m nojit
+
+# About an hour; writes docs/reliability.md.
+soak: setup
+	@$(BIN)/ellipseg soak -o docs $(SUBJECTS)
 
 lint: setup
 	@bad=

@@ -12,6 +12,8 @@ SOURCES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "
 # From the bottom to the top; a module of the package itself that isn't named is in "".
 LAYERS = ["errors", "config", "data", "core", "", "io", "ros", "cli"]
 
+COMMANDS = ("benchmark", "comparison", "paper", "reliability", "twopasses")  # in all but name
+
 # Who may import what; what isn't named here is for everybody.
 ONLY_IN = {
     "ellipseg_ros.msg": ["ros/"],
@@ -57,9 +59,7 @@ def imported(path):
 
 def layer(parts):
     """The number of the layer of a module, given the parts of its name below the package."""
-    name = (
-        "cli" if parts[0] in ("benchmark", "comparison", "paper", "twopasses") else parts[0]
-    )  # commands in all but name
+    name = "cli" if parts[0] in COMMANDS else parts[0]
     return LAYERS.index(name if name in LAYERS else "")
 
 

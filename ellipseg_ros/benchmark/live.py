@@ -3,8 +3,8 @@
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.benchmark.listening import Listening
 from ellipseg_ros.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
+from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
+from ellipseg_ros.cli.running import domain, environment, running
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import SECOND, Segmentation, State, Sweep
 from ellipseg_ros.errors import EllipsegError
@@ -50,7 +51,7 @@ def publishing(sizes: Sizes) -> Section:
     found = _many_ellipsoids(sizes.points // BLOB)
     times: dict[str, list[float]] = {}
     received: list[float] = []
-    with _domain() as ros_args, Listening(ros_args) as listener, Probe(ros_args) as probe:
+    with domain() as ros_args, Listening(ros_args) as listener, Probe(ros_args) as probe:
         listener.wait_for_topics(START)
         markers = Markers(NodeConfig())
         for number in range(2 * sizes.runs + 1):
@@ -140,7 +141,7 @@ def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) ->
         sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
 
     settings = {"update_period": PERIOD, "window_duration": float(window)}
-    with _running(RELIABLE | settings) as (listener, node, ros_args):
+    with running(RELIABLE | settings) as (listener, node, ros_args):
         with Replayer(sweeps, ReplayOptions(clock=False), ros_args) as replayer:
             listener.wait_for_topics(START)
             replayer.run(note)
@@ -180,7 +181,7 @@ def memory(sizes: Sizes) -> Section:
     sweeps = list(thinned(drive, sizes.points / sizes.window / points_per_second(drive)))
     options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, patience=PATIENCE)
     settings = {"window_duration": sizes.window}
-    with _running(RELIABLE | settings) as (listener, node, ros_args):
+    with running(RELIABLE | settings) as (listener, node, ros_args):
         with Replayer(sweeps, options, ros_args) as replayer:
             listener.wait_for_topics(START)
             replayer.run()
@@ -196,7 +197,7 @@ def start(sizes: Sizes) -> Section:
     with ExitStack() as stack:
         if sizes.cold:
             folder = stack.enter_context(tempfile.TemporaryDirectory())
-            stack.enter_context(_environment({"NUMBA_CACHE_DIR": folder}))
+            stack.enter_context(environment({"NUMBA_CACHE_DIR": folder}))
             result["cold_s"] = spread([_start()])
         else:
             _start()
@@ -206,7 +207,7 @@ def start(sizes: Sizes) -> Section:
 
 def _start() -> float:
     """Seconds from the start of the process until it says that it is ready."""
-    with _domain("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
+    with domain("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "node.log"
         os.mkfifo(log)  # a pipe, so that a line comes when it is written
         said: SimpleQueue[float | None] = SimpleQueue()
@@ -228,41 +229,3 @@ def _note_ready(log: Path, said: "SimpleQueue[float | None]") -> None:
             if READY in line:
                 said.put(time.monotonic())
     said.put(None)
-
-
-@contextmanager
-def _running(settings: dict[str, Any]) -> Iterator[tuple[Listening, NodeProcess, list[str]]]:
-    """The node and a subscriber, each in a process of its own, and `--ros-args` to reach them."""
-    with ExitStack() as stack:
-        ros_args = stack.enter_context(_domain())
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        listener = stack.enter_context(Listening(ros_args))
-        parameters = [item for pair in settings.items() for item in ("-p", "{}:={}".format(*pair))]
-        args = [*ros_args, *parameters]
-        node = stack.enter_context(NodeProcess(args, folder / "node.log", listener.give_up))
-        node.start()
-        yield listener, node, ros_args
-        node.stop()
-
-
-@contextmanager
-def _domain(log_level: str = "WARN") -> Iterator[list[str]]:
-    """This machine only, in a domain and a namespace of our own; yields the arguments for it."""
-    ours = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-    }
-    with _environment(ours):
-        yield ["--ros-args", "-r", f"__ns:=/bench_{os.getpid()}", "--log-level", log_level]
-
-
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Environment variables for this block, and for the processes that it starts."""
-    before = dict(os.environ)
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)

@@ -1,6 +1,6 @@
 """All commands and their options. Imports nothing heavy, so that `ellipseg --help` is instant.
 
-argparse (standard library): eight commands with plain options need no more.
+argparse (standard library): a dozen commands with plain options need no more.
 """
 
 import argparse
@@ -22,6 +22,7 @@ EXAMPLES = """examples:
   ellipseg replay yard --rate 2             publish a bag for a node that runs
   ellipseg demo                             node, replay and check, in one go
   ellipseg bench --quick                    how fast it is on this machine
+  ellipseg soak --quick                     how much it stands
   ellipseg evaluate partition sim:mixed     how good the segments are, beside other methods
 `ellipseg COMMAND --help` tells more."""
 
@@ -61,6 +62,13 @@ BENCH = """examples:
   ellipseg bench                            all of it, ten to twenty minutes
   ellipseg bench --quick --only batch peers
   ellipseg bench -o docs                    write docs/benchmarks.md, .json and .png"""
+
+SOAK = """examples:
+  ellipseg soak                             all of it, about an hour
+  ellipseg soak hour overload --quick
+  ellipseg soak -o docs                     write docs/reliability.md and .json
+
+Exit code 1: a promise was not kept. With -o, earlier results of other subjects are kept."""
 
 EVALUATE = """examples:
   ellipseg evaluate partition scan.npz      how well segments keep classes and things apart
@@ -111,6 +119,7 @@ def build_parser() -> argparse.ArgumentParser:
     _replay(_command(commands, "replay", "publish any source on ROS topics, with /clock", REPLAY))
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
     _bench(_command(commands, "bench", "measure speed, latency and memory, beside others", BENCH))
+    _soak(_command(commands, "soak", "try the node long and hard, and tell what it stood", SOAK))
     _evaluate(_command(commands, "evaluate", "measure quality against truth", EVALUATE))
     return parser
 
@@ -233,6 +242,19 @@ def _bench(command: argparse.ArgumentParser) -> None:
         "memory, start",
     )
     command.add_argument("--data", default="", metavar="SOURCE", help="a recording to use, too")
+    command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
+    _talk(command)
+
+
+def _soak(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "subjects",
+        nargs="*",
+        metavar="SUBJECT",
+        help="inputs, files, faults, hour, overload (all of them)",
+    )
+    command.add_argument("--quick", action="store_true", help="short versions, some minutes")
+    command.add_argument("--seed", type=int, default=0, help="of everything that is drawn (0)")
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
     _talk(command)
 

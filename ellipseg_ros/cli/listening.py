@@ -81,7 +81,7 @@ class Listening:
         assert self._process.stdout is not None  # a pipe
         for line in self._process.stdout:
             self._take(json.loads(line))
-        self.give_up("the subscriber of the benchmark ended")
+        self.give_up("the subscriber that measures ended")
 
     def _take(self, news: dict[str, Any]) -> None:
         with self._changed:

@@ -1,0 +1,1 @@
+"""What an engineer wants to know before he leaves the node alone: tried, and measured."""

@@ -1,0 +1,25 @@
+"""All that can be tried, by name."""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from ellipseg_ros.measuring.machine import describe
+from ellipseg_ros.reliability.promises import Promise, Trial
+
+SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {}
+
+
+def soak(name: str, trial: Trial) -> dict[str, Any]:
+    """Try a subject; JSON-ready: machine, duration, promises."""
+    machine = describe()
+    started = time.monotonic()
+    promises = SUBJECTS[name][1](trial)
+    return {
+        "machine": machine,
+        "quick": trial.quick,
+        "seed": trial.seed,
+        "minutes": round((time.monotonic() - started) / 60.0, 1),
+        "promises": [asdict(promise) for promise in promises],
+    }
