@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.measuring.memory import peak_mb
+from ellipseg_ros.measuring.memory import held_mb, peak_mb
 
 START = "import sys; from ellipseg_ros.ros.segmenter_node import main; sys.exit(main())"
 FAREWELL = 10.0  # s that the node gets to end before it is killed
@@ -51,6 +51,11 @@ class NodeProcess:
         code = self._end()
         if code:
             raise EllipsegError(f"the node ended with {code}; see {self._log}")
+
+    def memory_mb(self) -> float:
+        """Memory that it holds now, in MB (10^6 bytes)."""
+        assert self._process is not None  # it is for after `start`
+        return held_mb(self._process.pid)
 
     def peak_memory_mb(self) -> float:
         """Most memory that it has held so far, in MB (10^6 bytes)."""

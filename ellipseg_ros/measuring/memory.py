@@ -1,7 +1,12 @@
 """Most memory that a process has held, as Linux counts it."""
 
 import ctypes
+from collections import deque
 from pathlib import Path
+
+import numpy as np
+
+POINTER = 8  # bytes
 
 
 def peak_mb(process: int | str = "self") -> float:
@@ -12,6 +17,28 @@ def peak_mb(process: int | str = "self") -> float:
 def held_mb(process: int | str = "self") -> float:
     """Memory that a process holds now, in MB (10^6 bytes)."""
     return _status(process, "VmRSS")
+
+
+def state_bytes(thing: object) -> int:
+    """Bytes of all arrays, and of all elements of lists and mappings, that an object holds."""
+    total, seen, found = 0, set(), [thing]
+    while found:
+        one = found.pop()
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        if isinstance(one, np.ndarray):
+            total += one.nbytes if one.base is None else 0
+            found += [] if one.base is None else [one.base]
+        elif isinstance(one, (list, tuple, set, deque)):
+            total += POINTER * len(one)
+            found += one
+        elif isinstance(one, dict):
+            total += 2 * POINTER * len(one)
+            found += one.values()
+        else:
+            found += vars(one).values() if hasattr(one, "__dict__") else ()
+    return total
 
 
 def forget_peak() -> None:

@@ -6,9 +6,12 @@ from dataclasses import asdict
 from typing import Any
 
 from ellipseg_ros.measuring.machine import describe
+from ellipseg_ros.reliability.hour import hour
 from ellipseg_ros.reliability.promises import Promise, Trial
 
-SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {}
+SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
+    "hour": ("An hour of driving", hour),
+}
 
 
 def soak(name: str, trial: Trial) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""Writes what the segmenter publishes into a bag, as it comes."""
+"""Writes what the segmenter publishes into a bag, or elsewhere, as it comes."""
 
 from collections.abc import Callable
 from threading import Condition
+from typing import Protocol
 
 import rclpy
 from rclpy.context import Context
@@ -12,12 +13,21 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
 from ellipseg_ros.ros.process import Spinner
 
 STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
 SMALL = 1000  # bytes: more than one marker takes
+
+
+class Sink(Protocol):
+    """What takes messages, such as io.bag.BagSink."""
+
+    def write(self, topic: str, time_ns: int, message: bytes) -> None:
+        """A serialized message, and the time of the update that it tells of."""
+
+    def write_points(self, sweep: Sweep) -> None:
+        """A cloud that was sent."""
 
 
 class Recorder:
@@ -27,7 +37,7 @@ class Recorder:
     args: `--ros-args ...`, for a namespace.
     """
 
-    def __init__(self, bag: BagSink, args: list[str] | None = None) -> None:
+    def __init__(self, bag: Sink, args: list[str] | None = None) -> None:
         self._bag = bag
         self._changed = Condition()  # guards the bag, too
         self._matched = dict.fromkeys(TOPICS, 0)

@@ -1,0 +1,64 @@
+"""A drive without an end: a simulated lap again and again, always in a new place."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ellipseg_ros.data import SECOND, Array, Sweep
+from ellipseg_ros.simulator import SWEEPS_PER_SECOND, simulate
+
+NOISE = 0.01  # m: standard deviation of what makes every lap another one
+
+
+@dataclass(frozen=True)
+class Tape:
+    """Laps of a simulated street, one laid behind the other, with new noise; the same every time.
+
+    rate: points/s; each sweep then holds points several times, with noise of their own, as if
+    several scanners saw it. 0: those of the one scanner.
+    """
+
+    lap_s: float
+    laps: int
+    rate: float = 0.0
+    scene: str = "industrial"
+    seed: int = 0
+
+    def __iter__(self) -> Iterator[Sweep]:
+        for lap in range(self.laps):
+            for number, sweep in enumerate(self._lap):
+                yield self._copy(sweep, lap, np.random.default_rng((self.seed, lap, number)))
+
+    def __len__(self) -> int:
+        return self.laps * len(self._lap)
+
+    @property
+    def points_per_second(self) -> float:
+        """Mean rate of the simulated lap."""
+        return sum(map(len, self._lap)) / len(self._lap) * SWEEPS_PER_SECOND
+
+    @cached_property
+    def _lap(self) -> list[Sweep]:
+        return list(simulate(self.scene, duration=self.lap_s, seed=self.seed))
+
+    @cached_property
+    def _step(self) -> Array:
+        """(3,) m, level: from the beginning of a lap to the next one's."""
+        first, last = (np.median(self._lap[k].points, axis=0) for k in (0, -1))
+        step: Array = (last - first) * (1.0, 1.0, 0.0)
+        return step
+
+    def _copy(self, sweep: Sweep, lap: int, rng: np.random.Generator) -> Sweep:
+        if self.rate:
+            copies = rng.poisson(self.rate / self.points_per_second, len(sweep))
+            sweep = sweep.keep(np.repeat(np.arange(len(sweep)), copies))
+        assert sweep.fields is not None  # the simulator's
+        moved = sweep.points + lap * self._step + NOISE * rng.standard_normal((len(sweep), 3))
+        fields = sweep.fields.copy()
+        for name, column in zip("xyz", moved.T, strict=True):
+            fields[name] = column
+        points = np.column_stack([fields[name] for name in "xyz"]).astype(np.float64)
+        stamp_ns = sweep.stamp_ns + lap * round(self.lap_s * SECOND)
+        return replace(sweep, stamp_ns=stamp_ns, points=points, fields=fields)
