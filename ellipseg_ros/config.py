@@ -322,9 +322,10 @@ class NodeConfig(Checked):
     """How the node listens and what it shows."""
 
     input_reliability: str = setting(
-        "best_effort",
-        "reliability asked of publishers of `points`; best_effort matches every publisher",
-        choices=("best_effort", "reliable"),
+        "auto",
+        "reliability asked of publishers of `points`; auto: reliable, unless one of them is best "
+        "effort; best_effort matches every publisher, but large clouds get lost",
+        choices=("auto", "best_effort", "reliable"),
         live=False,
     )
     input_depth: int = setting(

@@ -7,10 +7,12 @@ from typing import Any
 
 from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.reliability.hour import hour
+from ellipseg_ros.reliability.overload import overload
 from ellipseg_ros.reliability.promises import Promise, Trial
 
 SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "hour": ("An hour of driving", hour),
+    "overload": ("More points than the machine can do", overload),
 }
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -23,25 +23,26 @@ class Tape:
     lap_s: float
     laps: int
     rate: float = 0.0
+    first: int = 0  # number of the first lap: where and when it begins
     scene: str = "industrial"
     seed: int = 0
 
     def __iter__(self) -> Iterator[Sweep]:
-        for lap in range(self.laps):
+        for lap in range(self.first, self.first + self.laps):
             for number, sweep in enumerate(self._lap):
                 yield self._copy(sweep, lap, np.random.default_rng((self.seed, lap, number)))
 
     def __len__(self) -> int:
         return self.laps * len(self._lap)
 
-    @property
-    def points_per_second(self) -> float:
-        """Mean rate of the simulated lap."""
+    @cached_property
+    def base_rate(self) -> float:
+        """Points/s of the simulated lap."""
         return sum(map(len, self._lap)) / len(self._lap) * SWEEPS_PER_SECOND
 
-    @cached_property
+    @property
     def _lap(self) -> list[Sweep]:
-        return list(simulate(self.scene, duration=self.lap_s, seed=self.seed))
+        return _simulated(self.scene, self.lap_s, self.seed)
 
     @cached_property
     def _step(self) -> Array:
@@ -52,7 +53,7 @@ class Tape:
 
     def _copy(self, sweep: Sweep, lap: int, rng: np.random.Generator) -> Sweep:
         if self.rate:
-            copies = rng.poisson(self.rate / self.points_per_second, len(sweep))
+            copies = rng.poisson(self.rate / self.base_rate, len(sweep))
             sweep = sweep.keep(np.repeat(np.arange(len(sweep)), copies))
         assert sweep.fields is not None  # the simulator's
         moved = sweep.points + lap * self._step + NOISE * rng.standard_normal((len(sweep), 3))
@@ -62,3 +63,8 @@ class Tape:
         points = np.column_stack([fields[name] for name in "xyz"]).astype(np.float64)
         stamp_ns = sweep.stamp_ns + lap * round(self.lap_s * SECOND)
         return replace(sweep, stamp_ns=stamp_ns, points=points, fields=fields)
+
+
+@lru_cache(maxsize=2)
+def _simulated(scene: str, seconds: float, seed: int) -> list[Sweep]:
+    return list(simulate(scene, duration=seconds, seed=seed))

@@ -2,14 +2,11 @@
 
 import re
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
@@ -19,6 +16,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
+from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.live_tuning import LiveTuning
@@ -53,7 +51,6 @@ class SegmenterNode:
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
-        self._number: int | None = None  # of the last cloud, by its publisher
         self._warned: set[str] = set()  # frames that were warned of
         self._outputs = Outputs(
             node, lambda: self._backlog.put(ShowAll()), lambda: self._backlog.put(ListAll())
@@ -86,17 +83,13 @@ class SegmenterNode:
 
     def _subscribe(self) -> None:
         """Called by the worker when all is compiled."""
-        lost = SubscriptionEventCallbacks(message_lost=self._on_lost)
-        self._subscription = self.node.create_subscription(
-            PointCloud2, "points", self._on_cloud, input_qos(self._shown), event_callbacks=lost
-        )
+        self._input = CloudInput(self.node, self._shown, self._on_cloud, self._lost)
         values = {**flatten(self._config), **flatten(self._shown)}
         self._log.info("ready; " + ", ".join(f"{name} {value}" for name, value in values.items()))
 
-    def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:
+    def _on_cloud(self, msg: PointCloud2) -> None:
         arrived = time.monotonic()
         self._health.cloud()
-        self._look_for_a_gap(info["publication_sequence_number"])
         try:
             sweep = read_sweep(msg)
             self._look_at_frame(sweep.frame_id)
@@ -128,27 +121,11 @@ class SegmenterNode:
                 "sensor is smeared"
             )
 
-    def _look_for_a_gap(self, number: int | None) -> None:
-        """Count what the publisher has sent and the node has not got, by the publisher's numbers.
-
-        Lost on the way, or pushed out of a full queue of input_depth, which DDS tells nobody. Of
-        several publishers the numbers can't be told apart.
-        """
-        before, self._number = self._number, number
-        if number is None or before is None or number <= before + 1:
-            return
-        if self.node.count_publishers(self._subscription.topic_name) == 1:
-            self._lost(number - before - 1)
-
-    def _on_lost(self, event: QoSMessageLostInfo) -> None:
-        if self._number is None:  # else the numbers tell
-            self._lost(event.total_count_change)
-
     def _lost(self, clouds: int) -> None:
         self._health.lost(clouds)
         self._log.warning(
-            f"{clouds} clouds were lost on the way; input_reliability reliable or a larger "
-            "input_depth may help",
+            f"{clouds} clouds were lost on the way; a reliable publisher, or a larger "
+            "input_depth, may help",
             throttle_duration_sec=5.0,
         )
 
@@ -179,16 +156,6 @@ class SegmenterNode:
 def looks_like_a_sensor(frame_id: str) -> bool:
     """Whether clouds in this frame move with the vehicle, going by its name."""
     return bool(SENSOR.search(frame_id)) and not WORLD.search(frame_id)
-
-
-def input_qos(shown: NodeConfig) -> QoSProfile:
-    """How the node listens to `points`."""
-    reliable = shown.input_reliability == "reliable"
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=shown.input_depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-    )
 
 
 def main(args: list[str] | None = None) -> int:

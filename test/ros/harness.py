@@ -187,11 +187,15 @@ class Peer:
 
     def speak(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
         """Make a publisher, and wait until somebody listens."""
+        return self.publisher(kind, topic, reliability).wait_for_listener()
+
+    def publisher(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
+        """Make a publisher."""
         outbox = Outbox()
         events = PublisherEventCallbacks(matched=outbox.matched)
         qos = QoSProfile(depth=1000, reliability=reliability)
         outbox.publisher = self.node.create_publisher(kind, topic, qos, event_callbacks=events)
-        return outbox.wait_for_listener()
+        return outbox
 
     def call(self, kind, name, request=None):
         """Call a service and return its answer."""

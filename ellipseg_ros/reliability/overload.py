@@ -1,0 +1,232 @@
+"""More points than the machine can segment: what the node does then, and afterwards."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from ellipseg_ros.cli.running import running
+from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.data import SECOND, Array, Sweep
+from ellipseg_ros.reliability.promises import Promise, Trial
+from ellipseg_ros.reliability.tape import Tape
+from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.ros.replayer import Replayer
+
+START = 180.0  # s: imports, and the first compilation of all kernels
+PATIENCE = 120.0  # s for one update
+CALM = 0.5  # times the capacity: what comes before the end, for the recovery
+GROWTH = 1.3  # times the latency, at most, from the middle of an overload to its end
+NORMAL = 2.0  # times the latency of a calm node: what is normal again
+MORE = 1.2  # times the memory at half the load, at most, where `max_points` is reached
+SLACK = 0.5  # s that a cloud may be on its way
+
+
+@dataclass(frozen=True)
+class Load:
+    """How much and how long."""
+
+    factors: tuple[int, ...]  # times the capacity
+    lap_s: float
+    laps: int  # of overload; the same window is full after half of them
+    calm: int  # laps after it
+    window_s: float
+    max_points: int
+    first_rate: float  # points/s that the capacity is first measured with
+
+
+FULL = Load((1, 2, 4, 8), 30.0, 4, 3, Config().window_duration, Config().max_points, 20_000.0)
+QUICK = Load((4,), 6.0, 2, 2, 3.0, 150_000, 20_000.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run at `factor` times the capacity. Times in s; rows are updates."""
+
+    factor: int
+    rate: float  # points/s that were sent
+    stamp: Array  # (u,) of the update's newest point, from the first cloud
+    latency: Array  # (u,) from the newest cloud in it sent to its segments received
+    stale: Array  # (u,) by how much the update lacks clouds sent before it could begin
+    calm_from: float  # stamp
+    clouds: int
+    said: dict[str, str]  # the node's last diagnostics
+    peak_mb: float
+
+
+def overload(trial: Trial) -> list[Promise]:
+    """Find the capacity, then exceed it."""
+    load = QUICK if trial.quick else FULL
+    capacity = _capacity(load, trial)
+    cases = []
+    for factor in load.factors:
+        trial.say(f"overload: {factor} x {capacity:,.0f} points/s")
+        cases.append(_case(factor, capacity, load, trial))
+    how = (
+        f"{', '.join(f'{factor}' for factor in load.factors)} times the {capacity:,.0f} points/s "
+        f"that this machine can do, for {load.laps * load.lap_s:.0f} s each in real time, default "
+        f"settings{'' if load is FULL else ' but for a short window'}"
+    )
+    return [
+        _memory(cases, how, load),
+        _newest(cases),
+        _latency(cases, load),
+        _recovery(cases, load),
+        _counted(cases),
+    ]
+
+
+# --- running ---------------------------------------------------------------------------------
+
+
+def _settings(load: Load) -> dict[str, object]:
+    return {"window_duration": load.window_s, "max_points": load.max_points}
+
+
+def _capacity(load: Load, trial: Trial) -> float:
+    """Points/s at which an update takes as long as the time between two; measured twice."""
+    rate = load.first_rate
+    period = Config().update_period
+    options = ReplayOptions(rate=0.0, clock=False, ahead=3.0 * period, patience=PATIENCE)
+    settings = _settings(load) | {"input_reliability": "reliable", "max_backlog": 0}
+    for _ in range(2):
+        trial.say(f"overload: how fast is {rate:,.0f} points/s segmented?")
+        laps = int(np.ceil((load.window_s + 10.0) / load.lap_s))
+        with running(settings) as (listener, _, ros_args):
+            tape = Tape(load.lap_s, laps, rate, seed=trial.seed)
+            with Replayer(tape, options, ros_args) as replayer:
+                listener.wait_for_topics(START)
+                replayer.run()
+            arrived = np.array([listener.updates[stamp] for stamp in sorted(listener.updates)])
+        seconds = float(np.median(np.diff(arrived)[-9:])) / SECOND
+        rate *= period / seconds
+    return rate
+
+
+def _case(factor: int, capacity: float, load: Load, trial: Trial) -> Case:
+    """Overload, then calm."""
+    much = Tape(load.lap_s, load.laps, factor * capacity, seed=trial.seed)
+    little = Tape(load.lap_s, load.calm, CALM * capacity, first=load.laps, seed=trial.seed)
+    sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
+    points = 0
+
+    def note(sweep: Sweep) -> None:
+        nonlocal points
+        sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
+        points += len(sweep) if len(sent) <= len(much) else 0
+
+    with running(_settings(load)) as (listener, node, ros_args):
+        clouds: Iterable[Sweep] = chain(much, little)
+        with Replayer(clouds, ReplayOptions(clock=False), ros_args) as replayer:
+            listener.wait_for_topics(START)
+            replayer.run(note)
+        said = listener.next_report(PATIENCE)
+        peak_mb = node.peak_memory_mb()
+        came = dict(listener.updates)
+    begun = min(sent)
+    updates = sorted(stamp for stamp in came if stamp in sent)
+    stamps, times = np.array(sorted(sent)), np.array([sent[stamp] for stamp in sorted(sent)])
+    arrived = np.array([came[stamp] for stamp in updates])
+    could = np.append(0, arrived[:-1]) - round(SLACK * SECOND)  # begin, with what was there
+    there = stamps[np.maximum(np.searchsorted(times, could) - 1, 0)]
+    seconds = load.laps * load.lap_s
+    return Case(
+        factor=factor,
+        rate=points / seconds,
+        stamp=(np.array(updates) - begun) / SECOND,
+        latency=(arrived - np.array([sent[stamp] for stamp in updates])) / SECOND,
+        stale=np.maximum(there - np.array(updates), 0) / SECOND,
+        calm_from=seconds,
+        clouds=len(sent),
+        said=said,
+        peak_mb=peak_mb,
+    )
+
+
+# --- promises --------------------------------------------------------------------------------
+
+
+def _each(cases: list[Case], texts: Iterable[str]) -> str:
+    return "; ".join(f"{case.factor} x: {text}" for case, text in zip(cases, texts, strict=True))
+
+
+def _memory(cases: list[Case], how: str, load: Load) -> Promise:
+    early = [int(case.said["points expired early"]) for case in cases]
+    full = [case for case, points in zip(cases, early, strict=True) if points]
+    texts = [
+        f"{case.peak_mb:,.0f} MB ({points:,} points expired early)"
+        for case, points in zip(cases, early, strict=True)
+    ]
+    return Promise(
+        "memory is bounded by `max_points`",
+        f"{how}; most memory of the node; `max_points` {load.max_points:,}",
+        _each(cases, texts),
+        all(b.peak_mb <= MORE * a.peak_mb for a, b in zip(full, full[1:], strict=False)),
+    )
+
+
+def _newest(cases: list[Case]) -> Promise:
+    behind = (NodeConfig().max_backlog + 1) * Config().update_period
+    worst = [float(case.stale.max()) for case in cases]
+    return Promise(
+        "an update has the newest clouds",
+        f"clouds that were sent {SLACK:g} s before an update could begin and are not in it: "
+        f"at most `max_backlog` + 1 periods ({behind:g} s) of them",
+        _each(cases, [f"{seconds:.1f} s" for seconds in worst]),
+        max(worst) <= behind,
+    )
+
+
+def _latency(cases: list[Case], load: Load) -> Promise:
+    texts, kept = [], True
+    for case in cases:
+        full = case.latency[(case.stamp >= case.calm_from / 2) & (case.stamp < case.calm_from)]
+        half = np.array_split(full, 2)
+        kept &= float(np.median(half[1])) <= GROWTH * float(np.median(half[0]))
+        texts.append(f"median {np.median(full):.1f} s, most {full.max():.1f} s")
+    return Promise(
+        "latency does not grow while the overload lasts",
+        "from a cloud sent to its segments received, in the second half of the overload; median "
+        f"of its last quarter at most {GROWTH:g} times that of the one before",
+        _each(cases, texts),
+        kept,
+    )
+
+
+def _recovery(cases: list[Case], load: Load) -> Promise:
+    limit = 2.0 * load.window_s
+    took = [recovery(case, load.window_s) for case in cases]
+    return Promise(
+        "the node recovers within two windows",
+        f"then {CALM:g} times the capacity; time until every later latency is below {NORMAL:g} "
+        f"times that of the last window; at most {limit:g} s",
+        _each(cases, [f"{seconds:.0f} s" for seconds in took]),
+        max(took) <= limit,
+    )
+
+
+def recovery(case: Case, window_s: float) -> float:
+    """Seconds from the end of the overload until no update is late any more."""
+    after = case.stamp >= case.calm_from
+    latency, stamp = case.latency[after], case.stamp[after]
+    normal = NORMAL * float(np.median(latency[stamp >= stamp[-1] - window_s]))
+    late = np.flatnonzero(latency > normal)
+    return float(stamp[late[-1]]) - case.calm_from if len(late) else 0.0
+
+
+def _counted(cases: list[Case]) -> Promise:
+    names = ("clouds received", "clouds lost by DDS", "updates joined")
+    told = [[int(case.said[name]) for name in names] for case in cases]
+    texts = [
+        f"{case.rate:,.0f} points/s, {case.clouds} clouds sent = {came} received + {lost} lost; "
+        f"{joined} updates joined"
+        for case, (came, lost, joined) in zip(cases, told, strict=True)
+    ]
+    return Promise(
+        "what is lost or taken together is counted",
+        "best effort, as by default; what /diagnostics count against what was sent",
+        _each(cases, texts),
+        all(case.clouds == came + lost for case, (came, lost, _) in zip(cases, told, strict=True)),
+    )

@@ -1,0 +1,99 @@
+"""The node listens as its publishers speak: nothing is lost for want of reliability."""
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+import rclpy
+from harness import Inbox, peer, wall
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+
+from ellipseg_ros.config import NodeConfig
+from ellipseg_ros.ros.cloud_input import OVERLAP, CloudInput
+from ellipseg_ros.ros.process import Spinner
+
+RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
+LARGE = 60_000  # points of a cloud, 0.7 MB
+
+
+@pytest.fixture
+def me(ros_domain):
+    with peer(ros_domain) as found:
+        yield found
+
+
+@contextmanager
+def listening(domain, **settings):
+    """A CloudInput in a node of its own: the numbers of the clouds that come."""
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = Node("listener", context=context)
+    came, lost, failed = Inbox(), [], []
+
+    def take(msg):
+        came.put(msg.header.stamp.sec)
+
+    points = CloudInput(node, NodeConfig(**settings), take, lost.append)
+    spinner = Spinner(node, failed.append)
+    yield SimpleNamespace(came=came, lost=lost, points=points)
+    spinner.stop()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    assert failed == []
+
+
+def send(outbox, here, numbers, points=10):
+    """Send numbered clouds, each when the last one has come."""
+    for number in numbers:
+        outbox.send(wall(number, points=points))
+        here.came.wait(lambda one, number=number: one == number)
+
+
+@pytest.mark.parametrize("first", ["publisher", "subscriber"])
+def test_a_reliable_publisher_is_heard_reliably_and_each_cloud_once(first, me, ros_domain):
+    numbers = list(range(OVERLAP + 5))
+    if first == "publisher":
+        outbox = me.publisher(PointCloud2, "/points")
+        with listening(ros_domain) as here:
+            send(outbox.wait_for_listener(), here, numbers)
+    else:
+        with listening(ros_domain) as here:
+            send(me.speak(PointCloud2, "/points"), here, numbers)
+    assert here.came.messages == numbers and here.lost == []
+    assert here.points.reliability == RELIABLE
+
+
+def test_large_clouds_come_whole_from_a_reliable_publisher(me, ros_domain):
+    with listening(ros_domain) as here:
+        outbox = me.speak(PointCloud2, "/points")
+        send(outbox, here, range(2))
+        large = range(2, 22)
+        for number in large:
+            outbox.send(wall(number, points=LARGE))
+        here.came.wait_for(2 + len(large))
+    assert here.came.messages == list(range(22)) and here.lost == []
+
+
+def test_a_best_effort_publisher_beside_a_reliable_one_is_heard_too(me, ros_domain):
+    with listening(ros_domain) as here:
+        reliable = me.speak(PointCloud2, "/points")
+        send(reliable, here, range(OVERLAP + 1))
+        assert here.points.reliability == RELIABLE
+        careless = me.speak(PointCloud2, "/points", BEST_EFFORT)
+        for number in range(100, 200):  # such a publisher sends nothing twice
+            careless.send(wall(number, points=10))
+            if here.came.comes(lambda one: one >= 100, 0.5):
+                break
+        assert here.points.reliability == BEST_EFFORT
+        send(reliable, here, range(200, 205))
+    assert len(set(here.came.messages)) == len(here.came.messages)
+
+
+@pytest.mark.parametrize("given", ["best_effort", "reliable"])
+def test_what_is_given_stays(given, me, ros_domain):
+    with listening(ros_domain, input_reliability=given) as here:
+        send(me.speak(PointCloud2, "/points"), here, range(3))
+        assert here.points.reliability.name.lower() == given
