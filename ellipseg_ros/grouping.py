@@ -1,5 +1,6 @@
 """Which messages make one update: by their stamps alone, so that replay speed changes nothing."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -7,17 +8,21 @@ from typing import NamedTuple
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND, Layout, Sweep, clashing_field, join_sweeps, joined_layout
 
+MOST_MESSAGES = 10_000  # of a group
+
 
 class Grouping:
     """Collects messages until one reaches the next boundary t0 + k period, k = 1, 2, ...
 
     t0 is the first stamp after a restart. The message that reaches the boundary closes the group
-    and belongs to it; boundaries that a gap jumped over give no update.
+    and belongs to it; boundaries that a gap jumped over give no update. A message with which a
+    group has more than `max_points`, or 10,000 messages, closes it, too: stamps may stand still.
     """
 
     def __init__(self, config: Config) -> None:
         self.configure(config)
         self._open: list[Sweep] = []
+        self._points = 0  # of the open group
         self._first = 0  # ns: t0
         self._before: Before | None = None  # what came so far
         self._boundary = 0  # ns: the stamp that closes the open group
@@ -26,6 +31,7 @@ class Grouping:
         """Take new settings; the boundaries of the open group stay."""
         self._period = round(config.update_period * SECOND)
         self._lateness = round(config.max_lateness * SECOND)
+        self._most = config.max_points or math.inf
 
     def push(self, sweep: Sweep) -> list[Sweep]:
         """Take one message; return the groups that it completes: none or one."""
@@ -40,7 +46,9 @@ class Grouping:
             before = None
         self._open.append(replace(sweep, restart=restart))
         self._before = and_then(before, sweep)
-        if sweep.stamp_ns >= self._boundary:
+        self._points += len(sweep)
+        full = self._points > self._most or len(self._open) >= MOST_MESSAGES
+        if sweep.stamp_ns >= self._boundary or full:
             done += self.flush()
         return done
 
@@ -49,6 +57,7 @@ class Grouping:
         if not self._open:
             return []
         parts, self._open = self._open, []  # before joining, which may raise InputError
+        self._points = 0
         newest = self._before.newest_ns if self._before else 0
         passed = (newest - self._first) // self._period
         self._boundary = self._first + (passed + 1) * self._period

@@ -5,7 +5,7 @@ from clouds import SECOND, stream
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import Sweep, join_sweeps
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.grouping import Grouping, updates
+from ellipseg_ros.grouping import MOST_MESSAGES, Grouping, updates
 
 CONFIG = Config(update_period=1.0)
 
@@ -60,6 +60,16 @@ def test_splitting_messages_between_boundaries_changes_no_group(parts):
     for one, other in zip(updates(whole, config), updates(split, config), strict=True):
         assert np.array_equal(one.points, other.points, equal_nan=True)
         assert np.array_equal(one.times_ns, other.times_ns)
+
+
+def test_while_stamps_stand_still_a_group_is_closed_when_it_is_as_large_as_a_window():
+    config = Config(update_period=1.0, max_points=10)
+    clouds = [Sweep(0, np.zeros((4, 3))) for _ in range(7)]
+    assert [len(group) for group in updates(clouds, config)] == [12, 12, 4]
+    unlimited = Config(update_period=1.0, max_points=0)
+    assert [len(group) for group in updates(clouds, unlimited)] == [28]
+    nothing = (Sweep(0, np.zeros((0, 3))) for _ in range(2 * MOST_MESSAGES + 1))
+    assert len(list(updates(nothing, config))) == 3
 
 
 def test_a_group_that_cannot_be_joined_is_dropped_whole():

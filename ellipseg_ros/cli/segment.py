@@ -15,6 +15,7 @@ from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.segmenter import Segmenter, warm_up
+from ellipseg_ros.stamps import Stamps
 
 
 def run(args: Namespace) -> int:
@@ -49,7 +50,10 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
     meter = Meter()
     with ExitStack() as stack:
         bar = stack.enter_context(progress(source.count, "clouds", args))
-        listeners: list[Callable[[Sweep], object]] = [lambda _: bar.update()]
+        listeners: list[Callable[[Sweep], object]] = [
+            lambda _: bar.update(),
+            _look_at_stamps(settings.config, args),
+        ]
         bag = None
         if not args.no_bag:
             bag = stack.enter_context(BagSink(folder / BAG, settings.node))
@@ -60,6 +64,17 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
             if bag is not None:
                 bag.write_update(found)
     return meter
+
+
+def _look_at_stamps(config: Config, args: Namespace) -> Callable[[Sweep], None]:
+    """What tells of stamps that stand still or jump forward, as the node does."""
+    stamps = Stamps()
+
+    def look(sweep: Sweep) -> None:
+        if text := stamps.look(sweep, config.window_duration, config.max_lateness):
+            say(text, args)
+
+    return look
 
 
 def _overheard(

@@ -8,6 +8,7 @@ from threading import Lock
 import numpy as np
 
 from ellipseg_ros.data import SECOND, Segmentation
+from ellipseg_ros.stamps import STILL
 from ellipseg_ros.tuning.curve import Curve
 
 OK, WARN, ERROR = 0, 1, 2  # as in diagnostic_msgs/DiagnosticStatus
@@ -30,7 +31,8 @@ class Health:
     Levels of the report, each over the time since the last one:
     ERROR: clouds came and every one was rejected.
     WARN: no cloud for 5 s (or none yet); clouds rejected or lost; updates taken together or given
-        up; points expired early for `max_points`; the frame looks like a sensor's.
+        up; points expired early for `max_points`; stamps that stand still, or jump forward by more
+        than the window; the frame looks like a sensor's.
     OK: else.
     """
 
@@ -44,6 +46,7 @@ class Health:
         self._latency: deque[float] = deque(maxlen=REMEMBERED)
         self._processing: deque[float] = deque(maxlen=REMEMBERED)
         self._window: dict[str, str] = {}
+        self._still = 0  # clouds since the last one with a newer stamp
         self._last_restart = ""
         self._last_change = ""  # of the threshold
         self._last_tuning = ""
@@ -54,6 +57,12 @@ class Health:
         with self._lock:
             self._total["clouds"] += 1
             self._heard_at = time.monotonic()
+
+    def stamps(self, still: int, gaps: int) -> None:
+        """What the stamps of the clouds are like: see stamps.Stamps."""
+        with self._lock:
+            self._still = still
+            self._total["gaps"] = gaps
 
     def rejected(self, reason: str) -> None:
         """A cloud, or a group of them, could not be used."""
@@ -123,6 +132,10 @@ class Health:
                 warnings.append(f"too slow: {new[name]} updates {name}")
         if new["crowded out"]:
             warnings.append(f"max_points reached: {new['crowded out']} points expired early")
+        if self._still >= STILL:
+            warnings.append(f"the stamps stand still: {self._still} clouds are no newer")
+        if new["gaps"]:
+            warnings.append("the stamps jumped forward by more than the window")
         if self.sensor_frame:
             warnings.append(f"frame {self.sensor_frame} looks like a sensor's")
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
@@ -141,6 +154,8 @@ class Health:
             "updates waiting": str(waiting),
             "updates joined": str(total["joined"]),
             "updates given up": str(total["given up"]),
+            "clouds since the stamps advanced": str(self._still),
+            "gaps in the stamps": str(total["gaps"]),
             "restarts": str(total["restarts"]),
             "last restart": self._last_restart,
             "threshold changes": str(total["threshold changes"]),

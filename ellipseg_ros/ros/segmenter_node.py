@@ -24,6 +24,7 @@ from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 from ellipseg_ros.ros.worker import Around, Worker
+from ellipseg_ros.stamps import Stamps
 
 SENSOR = re.compile(
     r"lidar|laser|velodyne|ouster|(^|/)os_|sensor|livox|hesai|pandar|rslidar|robosense|scan"
@@ -51,6 +52,7 @@ class SegmenterNode:
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
+        self._stamps = Stamps()
         self._warned: set[str] = set()  # frames that were warned of
         self._outputs = Outputs(
             node, lambda: self._backlog.put(ShowAll()), lambda: self._backlog.put(ListAll())
@@ -93,6 +95,7 @@ class SegmenterNode:
         try:
             sweep = read_sweep(msg)
             self._look_at_frame(sweep.frame_id)
+            self._look_at_stamp(sweep)
             self._hand_over(self._grouping.push(sweep), arrived)
         except InputError as error:
             self._health.rejected(error.reason)
@@ -120,6 +123,12 @@ class SegmenterNode:
                 "clouds are expected, in a fixed frame such as odom; else a window of a moving "
                 "sensor is smeared"
             )
+
+    def _look_at_stamp(self, sweep: Sweep) -> None:
+        config = self._config
+        if text := self._stamps.look(sweep, config.window_duration, config.max_lateness):
+            self._log.warning(text, throttle_duration_sec=5.0)
+        self._health.stamps(self._stamps.still, self._stamps.gaps)
 
     def _lost(self, clouds: int) -> None:
         self._health.lost(clouds)

@@ -1,0 +1,125 @@
+"""Stamps as they come in the field: the node does with them what the offline run does."""
+
+import signal
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from harness import SECOND, peer, running
+from sensor_msgs.msg import PointCloud2
+
+from ellipseg_ros.cli.check import equal
+from ellipseg_ros.config import Config
+from ellipseg_ros.grouping import updates
+from ellipseg_ros.io.messages import write_segments
+from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
+from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.simulator import simulate
+
+CONFIG = Config(update_period=0.5, window_duration=1.5)
+YEAR = 365 * 86400.0  # s
+
+
+def restamped(sweeps, first, every=0.1):
+    """The same clouds with stamps from `first` on, in s."""
+    return [
+        replace(sweep, stamp_ns=round((first + k * every) * SECOND))
+        for k, sweep in enumerate(sweeps)
+    ]
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A drive from 0 on, in which all happens that stamps do; it ends with ten clouds of 33 s."""
+    sweeps = [sweep.keep(slice(None, None, 4)) for sweep in simulate("industrial", duration=1.5)]
+    swapped = restamped(sweeps, 1.5)
+    swapped[3::4], swapped[4::4] = swapped[4::4], swapped[3:-1:4]
+    parts = [sweep.keep(rows) for sweep in restamped(sweeps, 3.0) for rows in thirds(len(sweep))]
+    return [
+        *restamped(sweeps, 0.0),
+        *swapped,
+        *parts,  # of equal stamps
+        *restamped(sweeps, 14.5),  # a gap
+        *restamped(sweeps, 0.0),  # a loop
+        *restamped(sweeps[:3], 1.5),
+        *restamped(sweeps[:1], YEAR),  # one is wrong
+        *restamped(sweeps, 1.8),
+        *(replace(sweep, frame_id="map") for sweep in restamped(sweeps, 3.3)),
+        *restamped(sweeps[:10] * 11, 33.0, every=0.0),  # a clock that stands still
+    ]
+
+
+def thirds(count):
+    return np.array_split(np.arange(count), 3)
+
+
+@pytest.fixture(scope="module")
+def offline(drive):
+    """All updates but the last one, which no stamp closes."""
+    segmenter = Segmenter(CONFIG)
+    return [segmenter.process(group) for group in updates(drive, CONFIG)][:-1]
+
+
+@pytest.fixture(scope="module", params=["false", "true"], ids=["wall time", "sim time"])
+def live(request, drive, offline, session_ros_domain, tmp_path_factory):
+    """What the node says of it; with use_sim_time, but nobody publishes /clock."""
+    settings = {
+        "max_backlog": 0,
+        "update_period": CONFIG.update_period,
+        "window_duration": CONFIG.window_duration,
+        "use_sim_time": request.param,
+    }
+    given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
+    log = tmp_path_factory.mktemp("time") / "log"
+    with running("segmenter_node", given, log) as node, peer(session_ros_domain) as me:
+        segments = me.listen(SegmentArray, "/segments", raw=True)
+        clouds = me.listen(PointCloud2, "/segmented_points", raw=True)
+        diagnostics = me.listen(DiagnosticArray, "/diagnostics")
+        options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, clock=False, patience=60.0)
+        with Replayer(drive, options, domain=session_ros_domain) as replayer:
+            replayer.run()
+        for inbox in (segments, clouds):
+            inbox.wait_for(len(offline))
+        last = diagnostics.wait(lambda m: values(m)["clouds received"] == str(len(drive)))
+        node.signal(signal.SIGINT)
+        assert node.wait() == 0
+        return SimpleNamespace(
+            segments=segments.messages,
+            clouds=clouds.messages,
+            status=last.status[0],
+            values=values(last),
+            said=node.said,
+        )
+
+
+def values(message):
+    return {pair.key: pair.value for pair in message.status[0].values}
+
+
+def test_every_update_is_that_of_offline_bit_for_bit(live, offline):
+    assert len(live.segments) == len(live.clouds) == len(offline)
+    for segments, cloud, found in zip(live.segments, live.clouds, offline, strict=True):
+        assert equal(segments, write_segments(found))
+        assert equal(cloud, write_labelled(found))
+
+
+def test_restarts_are_said_once_each_and_gaps_at_most_every_few_seconds(live):
+    assert live.said.count("begins anew") == int(live.values["restarts"]) == 3
+    for reason in (
+        "begins anew: the stamps jumped back by 15.900 s",
+        f"begins anew: the stamps jumped back by {YEAR - 1.8:.3f} s",
+        "begins anew: the frame changed from 'odom' to 'map'",
+        "the stamps jumped forward by 10.100 s",
+    ):
+        assert live.said.count(reason) == 1, reason
+    assert live.values["gaps in the stamps"] == "3"
+
+
+def test_diagnostics_warn_while_stamps_stand_still(live):
+    assert live.status.level == b"\x01"
+    assert "the stamps stand still: 109 clouds are no newer" in live.status.message
+    assert live.values["clouds since the stamps advanced"] == "109"
