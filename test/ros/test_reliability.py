@@ -1,0 +1,12 @@
+"""The short versions of the long trials, with the real node."""
+
+import pytest
+
+from ellipseg_ros.reliability.promises import Trial
+from ellipseg_ros.reliability.subjects import SUBJECTS
+
+
+@pytest.mark.parametrize("subject", ["hour"])
+def test_the_promises_are_kept(subject):
+    broken = [row for row in SUBJECTS[subject][1](Trial(quick=True)) if not row.kept]
+    assert not broken

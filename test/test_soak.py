@@ -1,0 +1,145 @@
+"""The trials of reliability can fail: each of their checks sees what it is there to see."""
+
+import json
+from collections import deque
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ellipseg_ros.cli.main import main
+from ellipseg_ros.config import Config
+from ellipseg_ros.data import SECOND
+from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io.messages import write_segments
+from ellipseg_ros.io.pointcloud2 import labelled_fields
+from ellipseg_ros.measuring.memory import state_bytes
+from ellipseg_ros.reliability import subjects
+from ellipseg_ros.reliability.hour import equal_segments
+from ellipseg_ros.reliability.overload import Case, recovery
+from ellipseg_ros.reliability.promises import Promise
+from ellipseg_ros.reliability.tape import Tape
+from ellipseg_ros.segmenter import Segmenter
+
+
+def test_a_tape_goes_on_in_time_and_place_with_new_noise():
+    tape = Tape(1.0, 3)
+    sweeps = list(tape)
+    assert len(sweeps) == len(tape) == 30
+    assert set(np.diff([sweep.stamp_ns for sweep in sweeps])) == {SECOND // 10}
+    first, second = sweeps[4], sweeps[14]
+    moved = second.points - first.points
+    assert np.hypot(*np.median(moved, axis=0)[:2]) > 1.0
+    assert 0.012 < np.std(moved[:, 0]) < 0.016  # sqrt(2) times 1 cm
+    for name, column in zip("xyz", second.points.T, strict=True):
+        assert np.array_equal(second.fields[name], column)
+    again = list(replace(tape, first=2, laps=1))
+    assert all(np.array_equal(a.points, b.points) for a, b in zip(sweeps[20:], again, strict=True))
+
+
+def test_a_tape_has_the_rate_that_is_asked_for():
+    for rate in (1000.0, 30_000.0):
+        points = sum(map(len, Tape(2.0, 1, rate)))
+        assert points / 2.0 == pytest.approx(rate, rel=0.05)
+
+
+def test_the_size_of_a_state_is_that_of_its_arrays_and_lists():
+    def state():
+        return SimpleNamespace(
+            table=np.zeros(1000), view=np.zeros(10_000)[:3], parts=deque([np.ones(10)]), names={}
+        )
+
+    plain = state_bytes(state())
+    assert 88_000 < plain < 89_000  # a view keeps all of its array
+    grown = state()
+    grown.parts.extend(np.ones(10) for _ in range(9))
+    assert state_bytes(grown) == plain + 9 * (80 + 8)
+    grown.names.update({k: k for k in range(1000)})
+    assert state_bytes(grown) >= plain + 16_000
+    grown.same = grown.table
+    assert state_bytes(grown) - plain < 17_000
+
+
+@pytest.fixture(scope="module")
+def found():
+    segmenter = Segmenter(Config(window_duration=1.0))
+    return segmenter.process(next(iter(Tape(0.5, 1))))
+
+
+def told(found):
+    data = write_segments(found)
+    return node_types().deserialize_cdr(data, TYPES["/segments"]), labelled_fields(found)
+
+
+def test_a_result_of_other_ids_is_equal_and_any_other_is_not(found):
+    said, fields = told(replace(found, ids=found.ids[::-1] + np.uint32(100)))
+    assert equal_segments(found, said, fields)
+    for change in (
+        lambda said, fields: setattr(said.segments[3], "covariance", np.ones(9)),
+        lambda said, fields: setattr(said.segments[0], "count", 1),
+        lambda said, fields: setattr(said.segments[0], "aicc", 1.0),
+        lambda said, fields: setattr(said, "aicc", np.nextafter(said.aicc, 0.0)),
+        lambda said, fields: said.segments.pop(),
+        lambda said, fields: fields["label"].__setitem__(slice(0, 5), 0),
+        lambda said, fields: fields["x"].__setitem__(7, 0.0),
+        lambda said, fields: fields["label"].__setitem__(
+            fields["label"] == said.segments[0].id, said.segments[1].id
+        ),
+    ):
+        said, fields = told(found)
+        change(said, fields)
+        assert not equal_segments(found, said, fields)
+
+
+@pytest.mark.parametrize(("late", "seconds"), [(0, 0.0), (3, 2.0), (12, 11.0)])
+def test_recovery_is_until_the_last_late_update(late, seconds):
+    stamp = np.arange(40.0)
+    latency = np.where(stamp < 20 + late, 5.0, 0.5)
+    case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, {}, 500.0)
+    assert recovery(case, 10.0) == seconds
+
+
+# --- the command -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def two_subjects(monkeypatch):
+    def one(trial):
+        trial.say("one: at it")
+        return [Promise("it lasts", "for a while", f"{trial.seed}", True)]
+
+    def other(trial):
+        return [Promise("it holds", "hard", "9", not trial.quick)]
+
+    monkeypatch.setattr(
+        subjects, "SUBJECTS", table := {"one": ("The one", one), "other": ("The other", other)}
+    )
+    monkeypatch.setattr("ellipseg_ros.cli.soak.SUBJECTS", table)
+    monkeypatch.setattr("ellipseg_ros.reliability.page.SUBJECTS", table)
+
+
+def test_a_broken_promise_is_shown_and_is_exit_code_1(two_subjects, capsys):
+    assert main(["soak"]) == 0
+    assert main(["soak", "--quick"]) == 1
+    out = capsys.readouterr().out
+    assert "## The one" in out and "| **no** |" in out and "In the short version" in out
+    assert main(["soak", "one", "--quick", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)) == ["one"]
+
+
+def test_results_of_other_subjects_are_kept(two_subjects, tmp_path, capsys):
+    assert main(["soak", "-o", str(tmp_path), "-q"]) == 0
+    assert main(["soak", "one", "--seed", "7", "-o", str(tmp_path), "-q"]) == 0
+    found = json.loads((tmp_path / "reliability.json").read_text())
+    assert found["one"]["promises"][0]["figure"] == "7" and found["other"]["seed"] == 0
+    page = (tmp_path / "reliability.md").read_text()
+    assert page.index("## The one") < page.index("## The other")
+
+
+def test_what_is_wrong_is_one_line(two_subjects, tmp_path, capsys):
+    assert main(["soak", "third"]) == 2
+    assert capsys.readouterr().err == "ellipseg: there is no subject third; there are one, other\n"
+    (tmp_path / "reliability.json").write_text("[1]")
+    assert main(["soak", "one", "-o", str(tmp_path)]) == 2
+    assert "holds no results of `ellipseg soak`; remove it" in capsys.readouterr().err
