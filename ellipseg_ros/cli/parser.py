@@ -23,6 +23,7 @@ EXAMPLES = """examples:
   ellipseg demo                             node, replay and check, in one go
   ellipseg bench --quick                    how fast it is on this machine
   ellipseg soak --quick                     how much it stands
+  ellipseg doctor                           what is wrong here, and what to do
   ellipseg evaluate partition sim:mixed     how good the segments are, beside other methods
 `ellipseg COMMAND --help` tells more."""
 
@@ -69,6 +70,14 @@ SOAK = """examples:
   ellipseg soak -o docs                     write docs/reliability.md and .json
 
 Exit code 1: a promise was not kept. With -o, earlier results of other subjects are kept."""
+
+DOCTOR = """examples:
+  ellipseg doctor                           installation, environment, running graph
+  ellipseg doctor --topic /cloud_registered --seconds 10
+  ellipseg doctor --namespace /front
+  ellipseg doctor --offline --json
+
+Exit code 1: something is an error. --quiet prints errors alone."""
 
 EVALUATE = """examples:
   ellipseg evaluate partition scan.npz      how well segments keep classes and things apart
@@ -120,6 +129,7 @@ def build_parser() -> argparse.ArgumentParser:
     _demo(_command(commands, "demo", "run the node on a source and check all it says", DEMO))
     _bench(_command(commands, "bench", "measure speed, latency and memory, beside others", BENCH))
     _soak(_command(commands, "soak", "try the node long and hard, and tell what it stood", SOAK))
+    _doctor(_command(commands, "doctor", "tell what is wrong here, and what to do", DOCTOR))
     _evaluate(_command(commands, "evaluate", "measure quality against truth", EVALUATE))
     return parser
 
@@ -256,6 +266,20 @@ def _soak(command: argparse.ArgumentParser) -> None:
     command.add_argument("--quick", action="store_true", help="short versions, some minutes")
     command.add_argument("--seed", type=int, default=0, help="of everything that is drawn (0)")
     command.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
+    _talk(command)
+
+
+def _doctor(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--topic", default="", help="with the clouds (what a segmenter subscribes to, or points)"
+    )
+    command.add_argument(
+        "--namespace", default="/", metavar="NS", help="of topic and segmenter (all)"
+    )
+    command.add_argument(
+        "--seconds", type=float, default=5.0, metavar="S", help="to listen to the clouds (5)"
+    )
+    command.add_argument("--offline", action="store_true", help="leave the running graph alone")
     _talk(command)
 
 

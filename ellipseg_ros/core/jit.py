@@ -18,6 +18,8 @@ from typing import Any
 
 from numba import config, njit
 
+PASSING = "ellipseg_ros-"  # begins the name of a folder that goes with the process
+
 
 def _have_cache() -> None:
     """Give the compiler a folder to cache in, one for every version of these sources.
@@ -37,7 +39,7 @@ def _have_cache() -> None:
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     config.CACHE_DIR = os.path.join(home, "ellipseg_ros", digest.hexdigest())
     if not _may_write(config.CACHE_DIR):
-        config.CACHE_DIR = tempfile.mkdtemp(prefix="ellipseg_ros-")
+        config.CACHE_DIR = tempfile.mkdtemp(prefix=PASSING)
         atexit.register(shutil.rmtree, config.CACHE_DIR, ignore_errors=True)
 
 

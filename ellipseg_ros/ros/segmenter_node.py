@@ -1,6 +1,5 @@
 """The node `ellipseg_segmenter`: subscribes, converts, hands over, reports."""
 
-import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,6 +12,7 @@ from std_srvs.srv import Trigger
 from ellipseg_ros.config import Config, NodeConfig, flatten
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.frames import looks_like_a_sensor, warning
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
@@ -26,13 +26,8 @@ from ellipseg_ros.ros.process import End, run
 from ellipseg_ros.ros.worker import Around, Worker
 from ellipseg_ros.stamps import Stamps
 
-SENSOR = re.compile(
-    r"lidar|laser|velodyne|ouster|(^|/)os_|sensor|livox|hesai|pandar|rslidar|robosense|scan"
-    r"|camera|imu|base_(link|footprint|laser)",
-    re.IGNORECASE,
-)
-WORLD = re.compile(r"odom|map|world|earth|init|local|global|utm|enu", re.IGNORECASE)
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
+FRAMES = 10  # that are warned of, once each: a stranger can think of any number
 
 
 class SegmenterNode:
@@ -116,13 +111,9 @@ class SegmenterNode:
     def _look_at_frame(self, frame_id: str) -> None:
         sensor = looks_like_a_sensor(frame_id)
         self._health.sensor_frame = frame_id if sensor else ""
-        if sensor and frame_id not in self._warned:
+        if sensor and frame_id not in self._warned and len(self._warned) < FRAMES:
             self._warned.add(frame_id)
-            self._log.warning(
-                f"THE CLOUDS ARE IN FRAME {frame_id!r}, WHICH LOOKS LIKE A SENSOR'S: registered "
-                "clouds are expected, in a fixed frame such as odom; else a window of a moving "
-                "sensor is smeared"
-            )
+            self._log.warning(warning(frame_id))
 
     def _look_at_stamp(self, sweep: Sweep) -> None:
         config = self._config
@@ -160,11 +151,6 @@ class SegmenterNode:
     def _report(self) -> None:
         report = self._health.report(self._backlog.waiting())
         self._diagnostics.publish(diagnostic_message(self.node, "segmentation", report))
-
-
-def looks_like_a_sensor(frame_id: str) -> bool:
-    """Whether clouds in this frame move with the vehicle, going by its name."""
-    return bool(SENSOR.search(frame_id)) and not WORLD.search(frame_id)
 
 
 def main(args: list[str] | None = None) -> int:

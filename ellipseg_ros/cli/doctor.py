@@ -1,0 +1,81 @@
+"""`ellipseg doctor`: what is wrong with an installation or a running graph, and what to do."""
+
+import json
+import os
+import sys
+from argparse import Namespace
+from dataclasses import asdict
+from importlib import import_module
+
+from ellipseg_ros.cli.report import say
+from ellipseg_ros.doctor import environment, graph, installation
+from ellipseg_ros.doctor.findings import ERROR, Finding, failed
+from ellipseg_ros.errors import EllipsegError
+
+Findings = dict[str, list[Finding]]  # by section
+
+
+def run(args: Namespace) -> int:
+    """Look at everything and tell; 1 if anything is an error."""
+    if not 0.0 < args.seconds <= 3600.0:
+        raise EllipsegError(f"--seconds is {args.seconds:g}; it must be above 0, at most 3600")
+    middleware, messages = _load()
+    installed = installation.look(messages)
+    surroundings = environment.look(os.environ, ".".join(map(str, installed.python)), middleware)
+    findings: Findings = {
+        "installation": list(installation.check(installed)),
+        "environment": list(environment.check(surroundings)),
+    }
+    if not (args.offline or messages or not middleware):
+        say(f"listening for {args.seconds:g} s ...", args)
+        findings["graph"] = _graph(args, surroundings)
+    show(findings, args)
+    return 1 if any(map(failed, findings.values())) else 0
+
+
+def _load() -> tuple[str, str]:
+    """The middleware, and what is wrong with ROS or our messages."""
+    try:
+        loading = import_module("ellipseg_ros.ros.loading")
+    except ImportError as error:
+        return "", f"ROS does not load: {error}"
+    try:
+        return loading.middleware(), loading.problem()
+    except Exception as error:  # RuntimeError of rmw
+        return "", f"no middleware loads: {' '.join(str(error).split())}"
+
+
+def _graph(args: Namespace, surroundings: environment.Environment) -> list[Finding]:
+    from ellipseg_ros.ros.observing import Observer  # only here: it needs what _load has tried
+
+    try:
+        with Observer(args.topic, args.namespace) as observer:
+            seen = observer.observe(args.seconds)
+    except EllipsegError as error:
+        return [Finding(ERROR, str(error), "mend what is said above, or the names given")]
+    return list(graph.check(seen, surroundings.receive_buffer))
+
+
+def show(findings: Findings, args: Namespace) -> None:
+    """Print all: as JSON, as lines, or, with --quiet, the errors alone."""
+    if args.json:
+        rows = [
+            {"section": section, **asdict(finding)}
+            for section, found in findings.items()
+            for finding in found
+        ]
+        print(json.dumps(rows, indent=2))
+        return
+    for section, found in findings.items():
+        if not args.quiet:
+            print(f"{section[0].upper()}{section[1:]}")
+        for finding in found:
+            if finding.level == ERROR or not args.quiet:
+                _print(finding)
+    sys.stdout.flush()
+
+
+def _print(finding: Finding) -> None:
+    print(f"  {finding.level:<6} {finding.what}")
+    if finding.do:
+        print(f"         -> {finding.do}")

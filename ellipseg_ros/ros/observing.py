@@ -1,0 +1,255 @@
+"""Looks at a running graph, and listens to its clouds, without taking part in it."""
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable
+from threading import Event
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import PointCloud2
+
+from ellipseg_ros.data import SECOND
+from ellipseg_ros.doctor.seen import Cloud, End, Graph, SegmenterSeen, Topic
+from ellipseg_ros.errors import EllipsegError, InputError
+from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.ros.process import Spinner
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+SEGMENTS = "ellipseg_ros/msg/SegmentArray"
+SHOWN = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
+DISCOVERY = 3.0  # s that the others get to be found
+LOOK = 0.1  # s between two looks at the graph: it tells of no change
+DEPTH = 100  # clouds kept while others are read
+
+
+class Observer:
+    """A node that looks and listens; a context manager.
+
+    topic: of the clouds; empty: what the segmenter subscribes to, or `points`.
+    namespace: in which topic and segmenters are looked for; "/": segmenters anywhere.
+    Raises EllipsegError for names that ROS does not take, and if it can't start.
+    """
+
+    def __init__(self, topic: str, namespace: str) -> None:
+        self._asked, self._namespace = topic, namespace
+        self._clouds: list[Cloud] = []
+        self._said: dict[str, Any] = {}  # last status of a segmenter, by the name of its node
+        self._parameters: dict[str, dict[str, Any]] = {}
+        self._failed: list[BaseException] = []
+        self._context = Context()
+        self._own = f"ellipseg_doctor_{os.getpid()}"
+        try:
+            rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}"], context=self._context)
+            self.node = Node(self._own, context=self._context, start_parameter_services=False)
+            self._topic = self.node.resolve_topic_name(topic or "points")
+        except Exception as error:  # of rcl, which has many
+            self._context.try_shutdown()
+            text = " ".join(str(error).split())
+            raise EllipsegError(f"no ROS node can be started: {text}") from error
+        self._spinner = Spinner(self.node, self._fail)
+
+    def __enter__(self) -> "Observer":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._spinner.stop()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def observe(self, seconds: float) -> Graph:
+        """Look around, then listen for so many seconds."""
+        self._wait(DISCOVERY, self._all_is_there)
+        self._choose_topic()
+        best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.node.create_subscription(PointCloud2, self._topic, self._on_cloud, best_effort)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH)
+        for name in self._segmenters():
+            self._ask(name)
+        self._wait(seconds, lambda: False)
+        return self._graph(seconds)
+
+    def _fail(self, error: BaseException | None) -> None:
+        if error is not None:
+            self._failed.append(error)
+
+    def _wait(self, seconds: float, enough: Callable[[], bool]) -> None:
+        end = time.monotonic() + seconds
+        pause = Event()
+        while not enough() and time.monotonic() < end:
+            pause.wait(min(LOOK, max(0.0, end - time.monotonic())))
+            if self._failed:
+                raise self._failed[0]
+
+    def _all_is_there(self) -> bool:
+        return bool(self._segmenters() and self.node.get_publishers_info_by_topic(self._topic))
+
+    def _choose_topic(self) -> None:
+        """What a segmenter subscribes to, unless the user names one."""
+        inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
+        if inputs and not self._asked and self._topic not in inputs:
+            self._topic = inputs[0]
+
+    def _on_cloud(self, msg: PointCloud2) -> None:
+        arrived, now_ns = time.monotonic(), time.time_ns()
+        stamp_ns = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
+        finite, timed, problem = 0, False, ""
+        try:
+            sweep = read_sweep(msg)
+            finite = int(np.isfinite(sweep.points).all(axis=1).sum())
+            timed = bool(np.any(sweep.offsets_ns))
+        except InputError as error:
+            problem = str(error)
+        self._clouds.append(
+            Cloud(
+                arrived=arrived,
+                age=(now_ns - stamp_ns) / SECOND,
+                stamp_ns=stamp_ns,
+                frame_id=msg.header.frame_id,
+                points=msg.width * msg.height,
+                finite=finite,
+                size=len(msg.data),
+                fields=tuple(field.name for field in msg.fields),
+                timed=timed,
+                problem=problem,
+            )
+        )
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            node, colon, _ = status.name.partition(": segmentation")
+            if colon:
+                self._said[f"/{node}"] = status
+
+    def _ask(self, name: str) -> None:
+        """Ask for parameters; the answer comes while we listen, or never."""
+
+        def answered(future: Any) -> None:
+            values = map(parameter_value_to_python, future.result().values)
+            self._parameters[name] = dict(zip(SHOWN, values, strict=True))
+
+        client = self.node.create_client(GetParameters, f"{name}/get_parameters")
+        if client.wait_for_service(DISCOVERY):
+            request = GetParameters.Request(names=SHOWN)
+            client.call_async(request).add_done_callback(answered)
+
+    def _others(self) -> list[str]:
+        """Full names of all nodes but this one; one that several nodes have, several times."""
+        found = self.node.get_node_names_and_namespaces()
+        names = [f"{space.rstrip('/')}/{name}" for name, space in found if name != self._own]
+        return sorted(names)
+
+    def _of(self, name: str, which: str, kind: str) -> list[str]:
+        """Topics of a type that a node publishes or subscribes to."""
+        space, _, base = name.rpartition("/")
+        try:
+            found = getattr(self.node, f"get_{which}_names_and_types_by_node")(base, space or "/")
+        except rclpy.node.NodeNameNonExistentError:  # it has ended meanwhile
+            return []
+        return [topic for topic, kinds in found if kind in kinds]
+
+    def _segmenters(self) -> list[str]:
+        """Nodes that publish segments, by their full names."""
+        names = [name for name in set(self._others()) if self._of(name, "publisher", SEGMENTS)]
+        if self._namespace.strip("/"):
+            names = [name for name in names if name.startswith(f"/{self._namespace.strip('/')}/")]
+        return sorted(names)
+
+    def _inputs(self, name: str) -> list[str]:
+        return self._of(name, "subscriber", CLOUD)
+
+    def _graph(self, seconds: float) -> Graph:
+        names = Counter(self._others())
+        elsewhere = [
+            topic
+            for topic, kinds in self.node.get_topic_names_and_types()
+            if CLOUD in kinds
+            and topic != self._topic
+            and self.node.get_publishers_info_by_topic(topic)
+        ]
+        return Graph(
+            topic=self._look_at(self._topic),
+            seconds=seconds,
+            clouds=tuple(self._clouds),
+            elsewhere=tuple(sorted(elsewhere)),
+            segmenters=tuple(self._segmenter(name) for name in self._segmenters()),
+            twins=tuple(name for name, count in names.items() if count > 1),
+            nodes=sum(names.values()),
+            clock=bool(self.node.get_publishers_info_by_topic("/clock")),
+            namespace=self._namespace,
+        )
+
+    def _segmenter(self, name: str) -> SegmenterSeen:
+        status = self._said.get(name)
+        outputs = [
+            topic
+            for kind in (SEGMENTS, CLOUD, *OTHERS)
+            for topic in self._of(name, "publisher", kind)
+        ]
+        return SegmenterSeen(
+            node=name,
+            inputs=tuple(map(self._look_at, self._inputs(name))),
+            outputs=tuple(map(self._look_at, outputs)),
+            level=None if status is None else status.level[0],
+            message="" if status is None else status.message,
+            values={} if status is None else {item.key: item.value for item in status.values},
+            parameters=self._parameters.get(name, {}),
+        )
+
+    def _look_at(self, topic: str) -> Topic:
+        publishers = self._ends(self.node.get_publishers_info_by_topic(topic))
+        subscribers = self._ends(self.node.get_subscriptions_info_by_topic(topic))
+        mismatches = []
+        for sender in publishers:
+            for receiver in subscribers:
+                fits, why = qos_check_compatible(sender.qos_profile, receiver.qos_profile)
+                if fits == QoSCompatibility.ERROR:
+                    mismatches.append(f"{_name(sender)} to {_name(receiver)}: {_line(why)}")
+        return Topic(
+            topic,
+            tuple(map(_end, publishers)),
+            tuple(map(_end, subscribers)),
+            tuple(dict.fromkeys(mismatches)),
+        )
+
+    def _ends(self, found: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+        return [info for info in found if info.node_name != self._own]
+
+
+# Of the segmenter's outputs, beside segments and clouds.
+OTHERS = (
+    "ellipseg_ros/msg/LandmarkArray",
+    "ellipseg_ros/msg/TuningCurve",
+    "visualization_msgs/msg/MarkerArray",
+)
+
+
+def _name(info: TopicEndpointInfo) -> str:
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def _line(why: str) -> str:
+    """rcl says "ERROR: Best effort publisher and reliable subscription;"."""
+    return " ".join(why.replace("ERROR:", "").split()).rstrip("; ").lower()
+
+
+def _end(info: TopicEndpointInfo) -> End:
+    qos = info.qos_profile
+    return End(
+        _name(info), info.topic_type, qos.reliability.name.lower(), qos.durability.name.lower()
+    )
