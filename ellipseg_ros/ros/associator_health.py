@@ -4,6 +4,7 @@ import time
 from collections import Counter, deque
 
 from ellipseg_ros.data import Association
+from ellipseg_ros.measuring.memory import held_mb
 from ellipseg_ros.ros.health import ERROR, OK, REMEMBERED, SILENCE, WARN, Report, quantiles
 
 
@@ -64,5 +65,7 @@ class AssociatorHealth:
             "last verdict": last.verdict.name if last else "",
             "last pairs": str(len(last)) if last else "",
             "last unknown": "; ".join(last.unknown_names) if last else "",
+            "time since the last landmarks [s]": f"{time.monotonic() - self._heard_at:.1f}",
+            "memory [MB]": f"{held_mb():.0f}",
             **quantiles("processing", self._times),
         }

@@ -24,10 +24,12 @@ from ellipseg_ros.msg import LandmarkArray
 from ellipseg_ros.ros.associations import association_markers, association_message
 from ellipseg_ros.ros.associator_health import AssociatorHealth
 from ellipseg_ros.ros.diagnostics import diagnostic_message
+from ellipseg_ros.ros.limits import Share
 from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 
+FILES = (0.1, 2.0)  # share of its time that maps may take to write and read, and s at once
 PATIENCE = 1.0  # s that the compiler gets when the node ends
 
 
@@ -56,6 +58,7 @@ class AssociatorNode:
         node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, call in (("save", self._save), ("load", self._load), ("clear", self._clear)):
             node.create_service(Trigger, f"~/{name}", call)
+        self._share = Share(*FILES)
         self._end = end
         self._starter = Thread(target=self._start, name="starter", daemon=True)
         self._starter.start()
@@ -119,7 +122,11 @@ class AssociatorNode:
         try:
             if self._file is None:
                 raise InputError("there is no file; start the node with the parameter map_file")
-            response.success, response.message = True, do(self._file)
+            wait = self._share.wait()
+            if wait:
+                raise InputError(f"maps were written and read all the time; call in {wait:.1f} s")
+            with self._share.work():
+                response.success, response.message = True, do(self._file)
         except InputError as error:
             response.success, response.message = False, str(error)
         return response

@@ -63,9 +63,13 @@ class Backlog:
     def put(self, task: Task, max_updates: int = 0) -> Overload | None:
         """Add a task; max_updates = 0: no limit. Returns what the limit did, if anything.
 
+        What waits already, and would do no more if it were done twice, is not added: a flood of
+        calls or of subscribers makes no flood of tasks.
         Raises InputError if groups that must be taken together cannot be; they are given up.
         """
         with self._changed:
+            if self._is_twice(task):
+                return None
             self._tasks.append(task)
             self._changed.notify()
             if not 0 < max_updates < self.waiting():
@@ -74,6 +78,13 @@ class Backlog:
             self._tasks = deque(task for task in tasks if not isinstance(task, Update))
             self._tasks, overload = _taken_together(tasks)
             return overload
+
+    def _is_twice(self, task: Task) -> bool:
+        """Whether a task that waits does the same: a reset only if nothing came after it."""
+        if isinstance(task, Reset):
+            others = [one for one in self._tasks if not isinstance(one, (ShowAll, ListAll))]
+            return bool(others) and isinstance(others[-1], Reset)
+        return isinstance(task, (ShowAll, ListAll)) and task in self._tasks
 
     def get(self, timeout: float) -> Task | None:
         """Wait for the next task; None after `timeout` s, and at once when closed."""

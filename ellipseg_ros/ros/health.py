@@ -1,18 +1,24 @@
 """What the node counts, and what that says of its health; for /diagnostics, but without ROS."""
 
+import math
 import time
 from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
 
 import numpy as np
 
 from ellipseg_ros.data import SECOND, Segmentation
+from ellipseg_ros.measuring.memory import held_mb
 from ellipseg_ros.stamps import STILL
 from ellipseg_ros.tuning.curve import Curve
 
 OK, WARN, ERROR = 0, 1, 2  # as in diagnostic_msgs/DiagnosticStatus
 SILENCE = 5.0  # s without a cloud that deserve a warning
+STUCK = 60.0  # s of one update that are an error
+SLOW = 3  # updates in a row that are late before it is worth a warning
 REMEMBERED = 100  # updates whose times make the median and the 99th percentile
 
 
@@ -29,11 +35,13 @@ class Health:
     """Counts of clouds and updates; every method may be called from any thread.
 
     Levels of the report, each over the time since the last one:
-    ERROR: clouds came and every one was rejected.
-    WARN: no cloud for 5 s (or none yet); clouds rejected or lost; updates taken together or given
-        up; points expired early for `max_points`; stamps that stand still, or jump forward by more
-        than the window; the frame looks like a sensor's.
+    ERROR: an update takes longer than 60 s; clouds came and every one was rejected.
+    WARN: kernels are being loaded; no cloud for 5 s (or none yet); clouds rejected or lost;
+        updates taken together or given up; three updates in a row later than `update_period`;
+        points expired early for `max_points`; stamps that stand still, or jump
+        forward by more than the window; the frame looks like a sensor's.
     OK: else.
+    The table under /diagnostics in README.md says what to do about each.
     """
 
     def __init__(self) -> None:
@@ -43,6 +51,11 @@ class Health:
         self._rejected: Counter[str] = Counter()
         self._began = self._reported_at = time.monotonic()
         self._heard_at = self._began
+        self._ready = False
+        self._busy_since: float | None = None  # s, monotonic clock: when the worker began
+        self._updated_at: float | None = None  # of the last update
+        self._newest_ns: int | None = None  # its newest point
+        self._late: deque[float] = deque(maxlen=SLOW)  # latency / update_period of the last ones
         self._latency: deque[float] = deque(maxlen=REMEMBERED)
         self._processing: deque[float] = deque(maxlen=REMEMBERED)
         self._window: dict[str, str] = {}
@@ -51,6 +64,20 @@ class Health:
         self._last_change = ""  # of the threshold
         self._last_tuning = ""
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
+
+    def ready(self) -> None:
+        """All kernels are compiled: clouds can come."""
+        with self._lock:
+            self._ready = True
+
+    @contextmanager
+    def work(self) -> Iterator[None]:
+        """The worker is at something for the time of the block."""
+        self._busy_since = time.monotonic()
+        try:
+            yield
+        finally:
+            self._busy_since = None
 
     def cloud(self) -> None:
         """A cloud has come, good or bad."""
@@ -83,9 +110,16 @@ class Health:
         with self._lock:
             self._total[name] += count
 
-    def updated(self, found: Segmentation, processing: float, latency: float) -> None:
-        """An update was published. Both times in s; latency: since its last cloud arrived."""
+    def updated(
+        self, found: Segmentation, processing: float, latency: float, period: float = math.inf
+    ) -> None:
+        """An update was published. Times in s; latency: since its last cloud arrived.
+
+        period: `update_period`, within which an update has to come to keep up in real time.
+        """
         with self._lock:
+            self._updated_at, self._newest_ns = time.monotonic(), found.end_ns
+            self._late.append(latency / period)
             self._total["updates"] += 1
             self._total["late"] += found.late
             self._total["crowded out"] += found.crowded_out
@@ -106,30 +140,38 @@ class Health:
             best = curve.threshold[curve.best]
             self._last_tuning = f"{curve.criterion}: least AICc at {best:.6g}; {seconds:.2f} s"
 
-    def report(self, waiting: int) -> Report:
-        """The health since the last report; `waiting`: updates in the backlog."""
+    def report(self, waiting: int, now_ns: int | None = None) -> Report:
+        """The health since the last report.
+
+        waiting: updates in the backlog. now_ns: the node's time, by which stamps are judged.
+        """
         with self._lock:
             now = time.monotonic()
             new = self._total - self._reported
             rate = new["clouds"] / max(now - self._reported_at, 1e-9)
-            level, message = self._judge(new, now - self._heard_at)
+            level, message = self._judge(new, now)
             self._reported, self._reported_at = self._total.copy(), now
-            return Report(level, message, self._values(rate, waiting))
+            ages = self._ages(now, now_ns)
+            return Report(level, message, {**self._values(rate, waiting), **ages})
 
-    def _judge(self, new: Counter[str], silence: float) -> tuple[int, str]:
+    def _judge(self, new: Counter[str], now: float) -> tuple[int, str]:
+        busy = self._busy(now)
+        if busy > STUCK:
+            return ERROR, f"an update has been under way for {busy:.0f} s"
         if new["clouds"] and new["rejected"] >= new["clouds"]:
             return ERROR, f"every cloud is rejected: {', '.join(sorted(self._rejected))}"
-        warnings = []
-        if not self._total["clouds"]:
-            warnings.append("no cloud yet")
-        elif silence > SILENCE:
-            warnings.append(f"no cloud for {silence:.0f} s")
+        warnings = self._about_input(now - self._heard_at)
         for name in ("rejected", "lost"):
             if new[name]:
                 warnings.append(f"{new[name]} clouds {name}")
         for name in ("joined", "given up"):
             if new[name]:
                 warnings.append(f"too slow: {new[name]} updates {name}")
+        if len(self._late) == SLOW and min(self._late) > 1.0:
+            warnings.append(
+                f"too slow for real time: {SLOW} updates in a row came later than update_period, "
+                f"the last after {self._latency[-1]:.2f} s"
+            )
         if new["crowded out"]:
             warnings.append(f"max_points reached: {new['crowded out']} points expired early")
         if self._still >= STILL:
@@ -139,6 +181,33 @@ class Health:
         if self.sensor_frame:
             warnings.append(f"frame {self.sensor_frame} looks like a sensor's")
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
+
+    def _about_input(self, silence: float) -> list[str]:
+        if not self._ready:
+            return ["loading the kernels, which are compiled the first time"]
+        if not self._total["clouds"]:
+            return ["no cloud yet"]
+        if silence > SILENCE:
+            self._late.clear()  # what was slow then says nothing of now
+            return [f"no cloud for {silence:.0f} s"]
+        return []
+
+    def _busy(self, now: float) -> float:
+        """How long the worker has been at what it does, s."""
+        since = self._busy_since
+        return 0.0 if since is None else now - since
+
+    def _ages(self, now: float, now_ns: int | None) -> dict[str, str]:
+        ages = {
+            "update under way for [s]": f"{self._busy(now):.1f}",
+            "running for [s]": f"{now - self._began:.0f}",
+            "memory [MB]": f"{held_mb():.0f}",
+        }
+        if self._updated_at is not None and self._newest_ns is not None:
+            ages["time since the last update [s]"] = f"{now - self._updated_at:.1f}"
+            if now_ns is not None:
+                ages["age of the newest point [s]"] = f"{(now_ns - self._newest_ns) / SECOND:.1f}"
+        return ages
 
     def _values(self, rate: float, waiting: int) -> dict[str, str]:
         total = self._total
@@ -173,7 +242,11 @@ def quantiles(name: str, seconds: deque[float]) -> dict[str, str]:
     if not seconds:
         return {}
     median, high = np.quantile(np.array(seconds), [0.5, 0.99])
-    return {f"{name} median [s]": f"{median:.4f}", f"{name} p99 [s]": f"{high:.4f}"}
+    return {
+        f"{name} last [s]": f"{seconds[-1]:.4f}",
+        f"{name} median [s]": f"{median:.4f}",
+        f"{name} p99 [s]": f"{high:.4f}",
+    }
 
 
 def describe(found: Segmentation) -> dict[str, str]:

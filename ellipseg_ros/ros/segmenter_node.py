@@ -81,6 +81,7 @@ class SegmenterNode:
     def _subscribe(self) -> None:
         """Called by the worker when all is compiled."""
         self._input = CloudInput(self.node, self._shown, self._on_cloud, self._lost)
+        self._health.ready()
         values = {**flatten(self._config), **flatten(self._shown)}
         self._log.info("ready; " + ", ".join(f"{name} {value}" for name, value in values.items()))
 
@@ -149,7 +150,8 @@ class SegmenterNode:
         self._grouping.configure(self._config)
 
     def _report(self) -> None:
-        report = self._health.report(self._backlog.waiting())
+        now_ns = self.node.get_clock().now().nanoseconds
+        report = self._health.report(self._backlog.waiting(), now_ns)
         self._diagnostics.publish(diagnostic_message(self.node, "segmentation", report))
 
 

@@ -4,16 +4,19 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.jit import alone
 from ellipseg_ros.data import ISOLATED, SECOND, Segmentation
+from ellipseg_ros.ros.limits import Share
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.live import LIVE
 from ellipseg_ros.tuning.search import tune
 
 NICE = 10  # lower priority than the updates
+ASKED = (0.3, 20.0)  # share of the time that tunings may take that are asked for, and s at once
 LEAST = 100  # points, below which a curve means nothing
 
 
@@ -45,6 +48,7 @@ class Tuner(threading.Thread):
         self._latest: tuple[Segmentation, Config] | None = None
         self._job: Job | None = None
         self._busy = False
+        self._share = Share(*ASKED)
         self._period_ns = 0
         self._due_ns = 0  # sensor time of the next tuning by itself
         self._closed = False
@@ -75,6 +79,9 @@ class Tuner(threading.Thread):
         with self._changed:
             if self._busy:
                 return "a tuning is under way; call again when it is done"
+            wait = self._share.wait()
+            if wait:
+                return f"there were too many tunings; call again in {wait:.1f} s"
             if self._latest is None:
                 return "there is no window yet; call again after the first update"
             few = too_few(self._latest[0])
@@ -97,7 +104,8 @@ class Tuner(threading.Thread):
         """Work until closed."""
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)  # Linux: of this thread
         for found, config, done in iter(self._next, None):
-            tuned = work(found, config)
+            with nullcontext() if done is self._on_auto else self._share.work():
+                tuned = work(found, config)
             self._busy = False
             if not self._closed:
                 done(tuned)

@@ -11,11 +11,13 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Task, Update
 from ellipseg_ros.ros.health import Health
+from ellipseg_ros.ros.limits import Quota
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.ros.tuner import Tuner
 from ellipseg_ros.segmenter import Segmenter, warm_up
 
+RESTARTS = (10, 60.0)  # lines of the log about them in so many s; /diagnostics count them all
 IDLE = 4.0  # s without a task after which all markers are sent again: they live 10 s
 
 
@@ -39,6 +41,7 @@ class Worker(Thread):
         super().__init__(name="segmenter", daemon=True)
         self._config = config
         self._segmenter = Segmenter(config)
+        self._restarts = Quota(*RESTARTS)
         self._around = around
 
     def run(self) -> None:
@@ -51,7 +54,9 @@ class Worker(Thread):
             warm_up()
             self._around.ready()
             while not backlog.closed:
-                self._do(backlog.get(timeout=IDLE))
+                task = backlog.get(timeout=IDLE)
+                with self._around.health.work():
+                    self._do(task)
         except Exception as error:
             self._around.end(error)
 
@@ -79,10 +84,17 @@ class Worker(Thread):
             return
         processed = time.monotonic()
         if found.restart:
-            self._around.logger.warning(f"the window begins anew: {found.restart}")
+            self._tell_restart(found.restart)
         self._around.outputs.publish(found, task.shown)
         self._around.tuner.look(found, task.config, task.shown.auto_tune_period)
-        self._around.health.updated(found, processed - started, time.monotonic() - task.arrived)
+        self._around.health.updated(
+            found, processed - started, time.monotonic() - task.arrived, task.config.update_period
+        )
+
+    def _tell_restart(self, reason: str) -> None:
+        """Each one, unless a broken source restarts all the time."""
+        if self._restarts.take():
+            self._around.logger.warning(f"the window begins anew: {reason}")
 
     def _start_anew(self, error: InputError) -> None:
         self._around.health.rejected(error.reason)

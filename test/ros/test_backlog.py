@@ -9,7 +9,7 @@ import pytest
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.ros.backlog import Backlog, Overload, Reset, ShowAll, Update
+from ellipseg_ros.ros.backlog import Backlog, ListAll, Overload, Reset, ShowAll, Update
 
 
 def update(stamp, restart="", **settings):
@@ -120,3 +120,22 @@ def test_a_group_that_cannot_be_joined_leaves_a_working_queue():
         backlog.put(second, 1)
     backlog.put(tasks[2], 1)
     assert drain(backlog) == [tasks[0], tasks[2]]
+
+
+def test_a_flood_of_calls_is_no_flood_of_tasks():
+    backlog = Backlog()
+    for k in range(1000):
+        backlog.put(Reset(f"call {k}"))
+        backlog.put(ShowAll())
+        backlog.put(ListAll())
+    tasks = [Reset("call 0"), ShowAll(), ListAll()]
+    assert [backlog.get(1.0) for _ in tasks] == tasks
+    assert backlog.get(0.0) is None
+
+
+def test_a_reset_after_a_cloud_counts_again():
+    backlog = Backlog()
+    tasks = [Reset("one"), update(1), Reset("two")]
+    for task in (tasks[0], tasks[0], *tasks[1:]):
+        backlog.put(task)
+    assert drain(backlog) == tasks

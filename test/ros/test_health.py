@@ -18,6 +18,7 @@ def clock(monkeypatch):
 
 
 def window(restart="", change="", late=0, crowded_out=0):
+    """What an update has found."""
     return SimpleNamespace(
         restart=restart,
         counts=Counts(90, 5, 3, 2),
@@ -34,13 +35,25 @@ def window(restart="", change="", late=0, crowded_out=0):
     )
 
 
-def test_before_the_first_cloud_it_says_so(clock):
-    report = Health().report(0)
+def ready():
+    """Of a node that has compiled its kernels."""
+    found = Health()
+    found.ready()
+    return found
+
+
+def test_before_the_first_cloud_it_says_why_there_is_none(clock):
+    found = Health()
+    report = found.report(0)
+    assert (report.level, report.message.split(",")[0]) == (WARN, "loading the kernels")
+    found.ready()
+    report = found.report(0)
     assert (report.level, report.message) == (WARN, "no cloud yet")
+    assert "time since the last update [s]" not in report.values
 
 
 def test_good_clouds_are_fine_and_their_rate_is_told(clock):
-    found = Health()
+    found = ready()
     for _ in range(20):
         found.cloud()
     clock.s += 2.0
@@ -51,7 +64,7 @@ def test_good_clouds_are_fine_and_their_rate_is_told(clock):
 
 
 def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
-    found = Health()
+    found = ready()
     found.cloud()
     clock.s += 5.1
     assert found.report(0).message == "no cloud for 5 s"
@@ -60,7 +73,7 @@ def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
 
 
 def test_points_that_left_no_trace_are_told(clock):
-    found = Health()
+    found = ready()
     found.cloud()
     found.updated(window(late=3, crowded_out=40), 0.1, 0.2)
     report = found.report(0)
@@ -72,7 +85,7 @@ def test_points_that_left_no_trace_are_told(clock):
 
 
 def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
-    found = Health()
+    found = ready()
     found.cloud()
     found.cloud()
     found.rejected("no_xyz")
@@ -90,7 +103,7 @@ def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
 
 
 def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
-    found = Health()
+    found = ready()
     found.cloud()
     found.lost(3)
     found.overloaded(joined=2, given_up=1)
@@ -106,7 +119,7 @@ def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
 
 
 def test_times_are_those_of_the_last_hundred_updates(clock):
-    found = Health()
+    found = ready()
     for k in range(150):
         found.updated(window(), processing=k / 1000, latency=k / 100)
     values = found.report(0).values
@@ -124,3 +137,56 @@ def test_the_window_and_the_last_restart_are_described(clock):
     fates = ("segmented", "isolated", "rejected", "thinned")
     assert [values[f"points {fate}"] for fate in fates] == ["90", "5", "3", "2"]
     assert (values["window [s]"], values["segments"], values["AICc"]) == ("20.000", "7", "-12.3")
+
+
+def test_an_update_without_an_end_is_an_error(clock):
+    found = ready()
+    found.cloud()
+    with found.work():
+        clock.s += 59.0
+        found.cloud()
+        assert found.report(0).level == OK
+        clock.s += 2.0
+        report = found.report(0)
+        assert (report.level, report.message) == (ERROR, "an update has been under way for 61 s")
+        assert report.values["update under way for [s]"] == "61.0"
+    found.cloud()
+    report = found.report(0)
+    assert (report.level, report.values["update under way for [s]"]) == (OK, "0.0")
+
+
+def test_three_late_updates_in_a_row_are_too_slow(clock):
+    found = ready()
+    levels = []
+    for latency in (1.5, 0.2, 1.1, 1.2, 1.3, 0.9):
+        found.cloud()
+        found.updated(window(), 0.1, latency, period=1.0)
+        report = found.report(0)
+        levels.append(report.level)
+        if report.level:
+            assert report.message.endswith("later than update_period, the last after 1.30 s")
+            assert report.message.startswith("too slow for real time: 3 updates")
+    assert levels == [OK, OK, OK, OK, WARN, OK]
+
+
+def test_slowness_of_before_a_silence_is_forgotten(clock):
+    found = ready()
+    for _ in range(3):
+        found.cloud()
+        found.updated(window(), 0.1, 5.0, period=1.0)
+    clock.s += 6.0
+    assert found.report(0).message == "no cloud for 6 s"
+    found.cloud()
+    assert found.report(0).level == OK
+
+
+def test_ages_and_memory_are_told(clock):
+    found = ready()
+    found.updated(window(), 0.1, 0.2)
+    clock.s += 3.0
+    values = found.report(0, now_ns=22 * SECOND).values
+    assert values["time since the last update [s]"] == "3.0"
+    assert values["age of the newest point [s]"] == "2.0"
+    assert values["latency last [s]"] == "0.2000"
+    assert values["running for [s]"] == "3"
+    assert 10 < float(values["memory [MB]"]) < 100_000

@@ -1,0 +1,57 @@
+"""Bounds on what a flood of messages or calls can cost: lines of the log, and time."""
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class Quota:
+    """So many within so many seconds, and no more; for one thread."""
+
+    def __init__(self, count: int, seconds: float) -> None:
+        self._seconds = seconds
+        self._times: deque[float] = deque(maxlen=count)
+
+    def take(self) -> bool:
+        """Whether there is one left, which is then taken."""
+        now = time.monotonic()
+        full = len(self._times) == self._times.maxlen
+        if full and now - self._times[0] < self._seconds:
+            return False
+        self._times.append(now)
+        return True
+
+
+class Share:
+    """The share of the time that a kind of work may take, however often it is asked for.
+
+    burst: s of work that may be done at once, when there was none for a while. It may be used up
+    from another thread than the one that asks, but by one at a time.
+    """
+
+    def __init__(self, share: float, burst: float) -> None:
+        self._share, self._burst = share, burst
+        self._credit = burst  # s of work, at the time `_at`
+        self._at = time.monotonic()
+
+    @contextmanager
+    def work(self) -> Iterator[None]:
+        """Count the time of the block."""
+        started = time.monotonic()
+        try:
+            yield
+        finally:
+            self._credit = self._now() - (time.monotonic() - started)
+
+    def wait(self) -> float:
+        """How long until work may begin, s; 0: at once."""
+        self._credit = self._now()
+        return max(0.0, -self._credit) / self._share
+
+    def _now(self) -> float:
+        """The credit of now: work may begin above 0, and may then take longer."""
+        now = time.monotonic()
+        earned = (now - self._at) * self._share
+        self._at = now
+        return min(self._burst, self._credit + earned)

@@ -1,0 +1,58 @@
+"""Bounds on what a flood can cost."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from ellipseg_ros.ros import limits
+from ellipseg_ros.ros.limits import Quota, Share
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that only a test turns on."""
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr(limits.time, "monotonic", lambda: now.s)
+    return now
+
+
+def test_a_quota_is_used_up_and_comes_back(clock):
+    quota = Quota(2, 10.0)
+    taken = []
+    for step in (0.0, 1.0, 1.0, 7.9, 0.1, 0.9, 0.1):
+        clock.s += step
+        taken.append(quota.take())
+    assert taken == [True, True, False, False, True, False, True]
+
+
+def work(share, clock, seconds):
+    with share.work():
+        clock.s += seconds
+
+
+def test_rare_work_never_waits(clock):
+    share = Share(0.1, burst=2.0)
+    for _ in range(20):
+        assert share.wait() == 0.0
+        work(share, clock, 1.0)
+        clock.s += 20.0
+
+
+def test_a_burst_is_paid_back_before_the_next(clock):
+    share = Share(0.1, burst=2.0)
+    work(share, clock, 3.0)
+    assert share.wait() == pytest.approx(10.0)  # 1 s more than it had, at 0.1
+    clock.s += 10.01
+    assert share.wait() == 0.0
+
+
+def test_a_flood_gets_its_share_and_no_more(clock):
+    share = Share(0.1, burst=1.0)
+    began, done = clock.s, 0.0
+    while clock.s < began + 1000.0:
+        if share.wait():
+            clock.s += 0.1
+        else:
+            work(share, clock, 0.5)
+            done += 0.5
+    assert done == pytest.approx(0.1 * 1000.0, rel=0.03)
