@@ -17,6 +17,7 @@ Array: TypeAlias = npt.NDArray[Any]
 Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
 
 SECOND = 1_000_000_000  # ns
+WIDEST = 1024  # bytes of a point's fields: one that claims more is garbage
 NOBODY: Array = np.zeros(0, np.int64)
 NEGLIGIBLE = 0.2  # share of a motion that is not worth a word
 
@@ -123,6 +124,15 @@ def clashing_field(one: Layout, other: Layout) -> str:
         if name in (other.names or ()) and one[name].shape != other[name].shape:
             return name
     return ""
+
+
+def too_wide(one: Layout, other: Layout) -> bool:
+    """Whether the fields of both, where they differ and don't clash, are too much for a point.
+
+    Every point of a window has the fields of all: one cloud must not make all others larger.
+    """
+    joined = joined_layout(one, other)
+    return joined not in (None, one, other) and joined.itemsize > WIDEST
 
 
 def joined_layout(one: Layout, other: Layout) -> Layout:

@@ -6,7 +6,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import SECOND, Layout, Sweep, clashing_field, join_sweeps, joined_layout
+from ellipseg_ros.data import (
+    SECOND,
+    WIDEST,
+    Layout,
+    Sweep,
+    clashing_field,
+    join_sweeps,
+    joined_layout,
+    too_wide,
+)
 
 MOST_MESSAGES = 10_000  # of a group
 
@@ -88,9 +97,12 @@ def why_restart(before: Before, sweep: Sweep, lateness_ns: int) -> str:
     """
     if sweep.frame_id != before.frame_id:
         return f"the frame changed from {before.frame_id!r} to {sweep.frame_id!r}"
-    name = clashing_field(before.layout, None if sweep.fields is None else sweep.fields.dtype)
+    layout = None if sweep.fields is None else sweep.fields.dtype
+    name = clashing_field(before.layout, layout)
     if name:
         return f"the count of field {name!r} changed"
+    if too_wide(before.layout, layout):
+        return f"the fields changed, and with those before they take more than {WIDEST} bytes"
     behind = before.newest_ns - sweep.stamp_ns
     if behind > lateness_ns:
         return f"the stamps jumped back by {behind / SECOND:.3f} s"

@@ -7,9 +7,18 @@ import numpy as np
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.data import REJECTED, SECOND, THINNED, Array, Sweep, join_fields
+from ellipseg_ros.data import (
+    REJECTED,
+    SECOND,
+    THINNED,
+    Array,
+    Sweep,
+    join_fields,
+    joined_layout,
+)
 
 LARGEST = 1e8  # m: a coordinate beyond is no measurement (the Earth's radius is 6.4e6 m)
+MOST_BYTES = 2**30  # of the fields of a window: 2 million points of 512 bytes
 TAKES_PART = 0  # fate of a point that has not been rejected or thinned
 WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: multiples are spread evenly
 
@@ -87,7 +96,7 @@ class Window:
         gone = old.times_ns <= self.start_ns
         late = times <= self.start_ns  # possible, within max_lateness of a short window
         too_late = int(late.sum())
-        crowded_out = self._make_room(gone, times, late, config.max_points)
+        crowded_out = self._make_room(gone, times, late, self._limit(sweep.fields, config))
         expired = old.arrival[gone & (old.fate == TAKES_PART)]
         comes = takes_part & ~late
         arrived = chosen(new.position, comes) - self.origin
@@ -104,6 +113,14 @@ class Window:
         comes = self.points.fate == TAKES_PART
         local = self.points.position[comes] - self.origin
         return Push(local, self.points.arrival[comes], np.zeros(0, np.int64))
+
+    def _limit(self, come: Array | None, config: Config) -> int:
+        """Points that may stay: max_points, but less where each of them has many bytes."""
+        if config.max_points == 0 or come is None:
+            return config.max_points
+        here = None if self.fields is None else self.fields.dtype
+        layout = joined_layout(here, come.dtype) or come.dtype
+        return min(config.max_points, MOST_BYTES // max(1, layout.itemsize))
 
     def _make_room(self, gone: Array, times: Array, late: Array, limit: int) -> int:
         """Let the oldest points expire early, where more than `limit` would stay; how many.

@@ -218,7 +218,8 @@ class BagSink:
                 self._connections[topic] = self._writer.add_connection(
                     topic, TYPES[topic], typestore=node_types()
                 )
-            self._writer.write(self._connections[topic], time_ns, message)
+            # A bag knows no time before 0, which own times of points can lead to.
+            self._writer.write(self._connections[topic], max(0, time_ns), message)
 
     @contextmanager
     def _one_line(self) -> Iterator[None]:

@@ -9,9 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ellipseg_ros.colours import id_colours
-from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
+from ellipseg_ros.data import WIDEST, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
+from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.times import OFFSET, time_offsets
 
 Layout: TypeAlias = np.dtype[Any]
@@ -21,7 +22,7 @@ TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 NUMBERS = {kind: number for number, kind in TYPES.items()}
 PADDING = ("", "_")  # names that PCL gives to gaps
 OURS = ("label", "rgb", "object")  # fields that the node adds; an input's own become input_...
-LARGEST = 2**20  # bytes: a point_step beyond is garbage
+LARGEST = 2**32 - 1  # bytes of data in a message
 FLOAT32_LOSS = 1e-3  # m: output points that float32 would move by more are float64
 
 
@@ -35,8 +36,9 @@ def read_sweep(msg: Any) -> Sweep:
     point_step, in the byte order of this machine, and shares the message's memory where it can.
     Per-point times: see times.py.
     """
-    stamp_ns = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
+    stamp_ns = read_stamp(msg.header.stamp)
     frame_id = msg.header.frame_id
+    check_name("frame_id", frame_id)
     if not msg.width * msg.height and not msg.fields:
         return Sweep(stamp_ns, np.zeros((0, 3)), frame_id=frame_id)
     fields = read_fields(msg)
@@ -47,9 +49,9 @@ def read_sweep(msg: Any) -> Sweep:
 def read_fields(msg: Any) -> Array:
     """Every field of a PointCloud2: (n,) structured, in native byte order."""
     count = msg.width * msg.height
-    if msg.point_step > LARGEST:
+    if msg.point_step > WIDEST:
         raise InputError(
-            f"point_step is {msg.point_step}; a point has at most {LARGEST} bytes", "point_step"
+            f"point_step is {msg.point_step}; a point has at most {WIDEST} bytes", "point_step"
         )
     layout = _layout(msg, count)
     check_xyz(layout)
@@ -90,22 +92,29 @@ def _layout(msg: Any, count: int) -> Layout:
     names: list[str] = []
     formats: list[Any] = []
     offsets: list[int] = []
-    end = 0
+    total = 0
     for field in msg.fields:
         if field.name in PADDING:
             continue
+        check_name("field", field.name)
         if field.name in names:
             raise InputError(
                 f"the cloud has two fields named {field.name!r}; names must differ", "field_twice"
             )
         kind = _kind(field)
         number = max(field.count, 1)  # some publishers say 0 and mean 1
-        end = field.offset + number * np.dtype(kind).itemsize
-        if end > (msg.point_step if count else LARGEST):
+        size = number * np.dtype(kind).itemsize
+        end = field.offset + size
+        if end > (msg.point_step if count else WIDEST):
             raise InputError(
                 f"field {field.name!r} ends at byte {end} of a point, beyond point_step "
                 f"{msg.point_step}; it must end within",
                 "point_step",
+            )
+        total += size  # fields that overlap are apart as soon as clouds are joined
+        if total > WIDEST:
+            raise InputError(
+                f"the fields of a point hold more than {WIDEST} bytes; that is the most", "fields"
             )
         names.append(field.name)
         formats.append(order + kind if number == 1 else (order + kind, (number,)))
@@ -290,6 +299,10 @@ def _carried(name: str, kind: Layout) -> Layout:
 def write_cloud(fields: Array, stamp_ns: int, frame_id: str) -> bytes:
     """Structured points with x, y, z as a serialized PointCloud2, little-endian, one row."""
     fields = np.ascontiguousarray(fields)
+    if fields.nbytes > LARGEST:
+        raise InputError(
+            f"{len(fields)} points take {fields.nbytes} bytes; a message holds {LARGEST}", "bytes"
+        )
     out = Cdr()
     out.header(stamp_ns, frame_id)
     out.put("II", 1, len(fields))

@@ -32,7 +32,7 @@ def time_offsets(fields: Array, stamp_ns: int) -> Array:
     name = next((n for n in NAMES if n in (layout.names or ()) and _is_time(layout[n])), "")
     if name:
         for offsets in _meanings(fields[name], stamp_ns, relative=name == OFFSET):
-            near = np.abs(offsets) <= FARTHEST_NS
+            near = (-FARTHEST_NS <= offsets) & (offsets <= FARTHEST_NS)  # |-2^63| is -2^63
             if 2 * np.count_nonzero(near) >= len(offsets):
                 return np.where(near, offsets, 0)
     return np.zeros(len(fields), np.int64)

@@ -79,13 +79,13 @@ class Worker(Thread):
                 self._segmenter.configure(task.config, task.reason)
                 self._config = task.config
             found = self._segmenter.process(task.sweep)
+            processed = time.monotonic()
+            if found.restart:
+                self._tell_restart(found.restart)
+            self._around.outputs.publish(found, task.shown)
         except InputError as error:
             self._start_anew(error)
             return
-        processed = time.monotonic()
-        if found.restart:
-            self._tell_restart(found.restart)
-        self._around.outputs.publish(found, task.shown)
         self._around.tuner.look(found, task.config, task.shown.auto_tune_period)
         self._around.health.updated(
             found, processed - started, time.monotonic() - task.arrived, task.config.update_period
