@@ -110,7 +110,8 @@ def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
             continue
         for name in layout.names or ():
             if part is not None and name in (part.dtype.names or ()):
-                rows[name] = part[name]
+                with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+                    rows[name] = part[name]
             elif np.issubdtype(layout[name].base, np.floating):
                 rows[name] = np.nan
     return joined

@@ -14,6 +14,7 @@ from ellipseg_ros.core.members import Boxes, Members
 from ellipseg_ros.data import Array
 
 LONG = 0.25  # m: least standard deviation along a segment that a line is looked for at,
+LONGEST = 1000.0  # m: and at most, for a stray point far away stretches a segment without end,
 WIDE = 0.35  # m: and the largest across,
 THIN = 0.5  # and as a share of that along
 SHEET = 0.08  # m: thickness of a piece of ground or wall, if it is as wide as LONG
@@ -74,6 +75,7 @@ def find_lines(
         & ~((sigma[:, 1] > LONG) & (sigma[:, 0] < SHEET))
         & (own[:, COUNT] >= FEW)
         & (sigma[:, 2] >= LONG)
+        & (sigma[:, 2] <= LONGEST)
     )
     seeds &= (sigma[:, 1] <= WIDE) & (sigma[:, 1] < THIN * sigma[:, 2])
     order = np.flatnonzero(seeds)

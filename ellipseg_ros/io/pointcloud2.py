@@ -71,7 +71,7 @@ def xyz(fields: Array) -> Array:
     points = np.empty((len(fields), 3))
     for column, name in enumerate("xyz"):
         with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
-            points[:, column] = fields[name]
+            np.multiply(fields[name], 1.0, out=points[:, column])
     return points
 
 

@@ -51,11 +51,14 @@ class Consumer:
 
     def __init__(self, config: Config, tally: Tally) -> None:
         self._config = config
-        self._grouping = Grouping(config)
-        self._segmenter = Segmenter(config)
+        self._tally = tally
+        self._begin()
+
+    def _begin(self) -> None:
+        self._grouping = Grouping(self._config)
+        self._segmenter = Segmenter(self._config)
         self._markers = Markers(NodeConfig())
         self._before: Segmentation | None = None
-        self._tally = tally
 
     def take(self, name: str, cloud: Cloud) -> None:
         """One message."""
@@ -72,7 +75,7 @@ class Consumer:
             return
         except Exception:
             self._complain(name, traceback.format_exc())
-            self._grouping, self._segmenter = Grouping(self._config), Segmenter(self._config)
+            self._begin()
             return
         self._tally.slowest = max(self._tally.slowest, time.perf_counter() - started)
         self._tally.points += len(sweep)
