@@ -231,7 +231,9 @@ def test_a_place_that_cannot_be_written_is_refused_in_one_line(tmp_path):
     (tmp_path / "file").touch()
     refused(lambda: BagSink(tmp_path / "file" / "out").__enter__(), "write")
     late = tmp_path / "late"
-    refused(lambda: write_and(late, lambda: (late / "full").mkdir(parents=True)), "write")
+    sink = BagSink(late)
+    (late / "full").mkdir(parents=True)
+    refused(sink.__enter__, "write")
     assert sorted(os.listdir(tmp_path)) == ["file", "late"] and os.listdir(late) == ["full"]
 
 

@@ -62,8 +62,8 @@ def finish(folder: Path, summary: Summary, found: Segmentation | None, args: Nam
 
 
 def _ours(name: str, names: tuple[str, ...]) -> bool:
-    """Whether an earlier run has written it; a bag in the making has a hidden folder."""
-    return name in names or name.startswith(f".{BAG}.")
+    """Whether an earlier run has written it, perhaps by half."""
+    return name in names or name in {f".{one}.part" for one in names}
 
 
 def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:

@@ -7,16 +7,14 @@ definition of any of its types, and PointCloud2 is the same in every ROS.
 
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -25,6 +23,7 @@ import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation, Sweep
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.bag_writer import BagWriter
 from ellipseg_ros.io.messages import Markers, write_landmarks
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
 from ellipseg_ros.io.stream import SegmentStream
@@ -37,8 +36,8 @@ TYPES = {
     "/segments": "ellipseg_ros/msg/SegmentArray",
     "/landmarks": "ellipseg_ros/msg/LandmarkArray",
 }  # of the node's topics
+LAST = "/segments"  # of an update
 SUFFIXES = (".bag", ".mcap", ".db3")
-RECORDING: Literal[9] = 9  # version of the bag format that is written: that of Jazzy
 
 
 # --- reading ---------------------------------------------------------------------------------
@@ -163,8 +162,8 @@ def _choose(path: Path, connections: list[Connection], topic: str) -> str:
 class BagSink:
     """Writes a ROS 2 bag (mcap, zstd) with the node's topics; a context manager.
 
-    The bag appears at `path` when the `with` block ends well, and not at all if it doesn't.
-    Raises InputError if the path exists or can't be written.
+    The bag is whole after every update, for whoever is killed; one whose `with` block ends by an
+    exception is removed. Raises InputError if the path exists or can't be written.
     """
 
     def __init__(self, path: Path, config: NodeConfig | None = None) -> None:
@@ -177,27 +176,23 @@ class BagSink:
 
     def __enter__(self) -> "BagSink":
         with self._one_line():
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = Path(
-                tempfile.mkdtemp(prefix=f".{self.path.name}.", dir=self.path.parent)
-            )
-            try:
-                self._writer = _writer(self._folder / self.path.name)
-            except BaseException:
-                shutil.rmtree(self._folder, ignore_errors=True)
-                raise
+            self._writer = BagWriter(self.path)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is not None:
+            self._remove()
+            return
         try:
-            if kind is None:
-                with self._one_line():
-                    self._writer.close()
-                    (self._folder / self.path.name).rename(self.path)
-            else:
-                self._writer.abort()
-        finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            with self._one_line():
+                self._writer.close()
+        except BaseException:
+            self._remove()
+            raise
+
+    def _remove(self) -> None:
+        self._writer.abort()
+        shutil.rmtree(self.path, ignore_errors=True)
 
     def write_points(self, sweep: Sweep) -> None:
         """An input cloud, on /points."""
@@ -216,10 +211,12 @@ class BagSink:
         with self._one_line():
             if topic not in self._connections:
                 self._connections[topic] = self._writer.add_connection(
-                    topic, TYPES[topic], typestore=node_types()
+                    topic, TYPES[topic], node_types()
                 )
             # A bag knows no time before 0, which own times of points can lead to.
             self._writer.write(self._connections[topic], max(0, time_ns), message)
+            if topic == LAST:
+                self._writer.end_update()
 
     @contextmanager
     def _one_line(self) -> Iterator[None]:
@@ -228,13 +225,6 @@ class BagSink:
         except OSError as error:
             reason = error.strerror or str(error)
             raise InputError(f"{self.path} can't be written: {reason}", "write") from error
-
-
-def _writer(path: Path) -> Writer:
-    writer = Writer(path, version=RECORDING, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    writer.open()
-    return writer
 
 
 # --- types -----------------------------------------------------------------------------------
