@@ -18,7 +18,7 @@ from ellipseg_ros.doctor.seen import Cloud, End, Graph, SegmenterSeen, Topic
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = dict.fromkeys((*installation.NEEDED, *installation.FOR_FILES), "1.0")
-CACHE = Cache(Path("/cache"), lasting=True, writable=True, kernels=90, free=2**33)
+CACHE = Cache(Path("/cache"), writable=True, kernels=90, free=2**33)
 INSTALLED = Installation((3, 12), PACKAGES, {"/ws/ellipseg_ros": "0.1.0"}, 4, False, CACHE)
 SURROUNDINGS = Environment(
     variables={"ROS_DISTRO": "jazzy"},
@@ -83,7 +83,6 @@ def test_a_good_installation_is_good() -> None:
         ({"copies": {"/a": "0.1.0", "/b": "0.1.0"}}, WARN, "2 copies"),
         ({"copies": {"/a": "0.1.0", "/b": "0.2.0"}}, ERROR, "2 copies"),
         ({"cache": None, "problem": "ImportError: numpy"}, ERROR, "numba does not load"),
-        ({"cache": replace(CACHE, lasting=False)}, WARN, "can't be kept"),
         ({"cache": replace(CACHE, writable=False)}, WARN, "can't be kept"),
         ({"cache": replace(CACHE, free=10**6)}, WARN, "left for compiled kernels"),
         ({"cache": replace(CACHE, kernels=0)}, WARN, "no compiled kernels yet"),

@@ -1,18 +1,23 @@
 """Compiling: all at the start, and wherever the package is installed."""
 
+import errno
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from clouds import stream
+from numba import njit
 from numba.core.dispatcher import Dispatcher
 
 import ellipseg_ros.core
 from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.core.kernel_cache import cached
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.segmenter import Segmenter, segment, warm_up
@@ -102,3 +107,72 @@ def test_without_a_place_for_the_cache_the_package_works_all_the_same(tmp_path):
             folder.chmod(0o755)
     assert (done.returncode, done.stdout.strip()) == (0, "-1.0"), done.stderr
     assert not list(temporary.iterdir())  # taken away at the end
+
+
+FLIPPED = {  # what may become of a file
+    "truncated": lambda data: data[: len(data) // 2],
+    "one bit flipped": lambda data: data[:-9] + bytes([data[-9] ^ 4]) + data[-8:],
+    "the digest flipped": lambda data: bytes([data[0] ^ 1]) + data[1:],
+    "zeros": lambda data: bytes(len(data)),
+    "empty": lambda data: b"",
+    "of numba's own": lambda data: pickle.dumps(("0.1", {})),
+}
+
+
+def twice(x):
+    return 2 * x
+
+
+def hits():
+    """How many versions came from the cache, after a call as in a new process."""
+    fresh = cached(njit(twice))
+    assert fresh(21) == 42
+    return sum(fresh.stats.cache_hits.values())
+
+
+@pytest.mark.parametrize("damage", FLIPPED.values(), ids=FLIPPED)
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_what_is_damaged_in_the_cache_is_compiled_anew(suffix, damage, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    assert (hits(), hits()) == (0, 1)
+    (path,) = tmp_path.rglob(f"*{suffix}")
+    path.write_bytes(damage(path.read_bytes()))
+    assert (hits(), hits()) == (0, 1)
+
+
+def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file" / "cache"))
+    assert (hits(), hits()) == (0, 0)
+
+
+def test_a_cache_on_a_full_disk_is_no_obstacle_and_left_as_it_was(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full)
+        assert hits() == 0
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert (hits(), hits()) == (0, 1)
+    monkeypatch.setattr(os, "replace", full)
+    assert hits() == 1
+
+
+def test_processes_that_compile_at_the_same_time_give_each_other_no_wrong_code(tmp_path):
+    code = (
+        "import sys, numpy as np; from ellipseg_ros.core.eigen import _sign as f\n"
+        "kinds = [int, np.float32]\n"
+        "for kind in kinds if sys.argv[1] == '0' else reversed(kinds):\n"
+        "    print(f(kind(1), kind(-2), kind(0)), end=' ')"
+    )
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", code]
+    both = [
+        subprocess.Popen([*command, str(k)], stdout=subprocess.PIPE, env=env, text=True)
+        for k in range(2)
+    ]
+    assert [process.communicate()[0] for process in both] == ["-1.0 -1.0 "] * 2
+    after = subprocess.run([*command, "0"], stdout=subprocess.PIPE, env=env, text=True, check=True)
+    assert after.stdout == "-1.0 -1.0 "

@@ -29,7 +29,7 @@ ONLY_IN = {
         "twopasses/picture.py",
     ],
     "rclpy": ["ros/"],
-    "rosbags": ["io/bag.py"],
+    "rosbags": ["io/bag.py", "io/bag_writer.py"],
     "small_gicp": ["core/neighbours.py", "cli/"],
     "tqdm": ["cli/"],
     "yaml": ["cli/"],

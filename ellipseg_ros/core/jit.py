@@ -5,11 +5,8 @@ two Python threads at once, or a fork, and compile much longer. Row i of a resul
 alone, so the number of threads cannot change it.
 """
 
-import atexit
 import hashlib
 import os
-import shutil
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -18,18 +15,17 @@ from typing import Any
 
 from numba import config, njit
 
-PASSING = "ellipseg_ros-"  # begins the name of a folder that goes with the process
+from ellipseg_ros.core.kernel_cache import cached
 
 
-def _have_cache() -> None:
-    """Give the compiler a folder to cache in, one for every version of these sources.
+def _cache_folder() -> str:
+    """One for every version of these sources; NUMBA_CACHE_DIR, where it is set, is taken as it is.
 
     numba's own notices no edit in another file than the kernel's, and code compiled against
-    an older callee can crash; and numba refuses to start where it may write nowhere: then a folder
-    of this process has to do. NUMBA_CACHE_DIR, where it is set, is taken as it is.
+    an older callee can crash.
     """
     if config.CACHE_DIR:
-        return
+        return config.CACHE_DIR
     here = os.path.dirname(os.path.abspath(__file__))
     digest = hashlib.sha1(usedforsecurity=False)
     for name in sorted(os.listdir(here)):
@@ -37,24 +33,24 @@ def _have_cache() -> None:
             with open(os.path.join(here, name), "rb") as source:
                 digest.update(source.read())
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    config.CACHE_DIR = os.path.join(home, "ellipseg_ros", digest.hexdigest())
-    if not _may_write(config.CACHE_DIR):
-        config.CACHE_DIR = tempfile.mkdtemp(prefix=PASSING)
-        atexit.register(shutil.rmtree, config.CACHE_DIR, ignore_errors=True)
+    return os.path.join(home, "ellipseg_ros", digest.hexdigest())
 
 
-def _may_write(folder: str) -> bool:
-    """Whether one may write to a folder, or to the nearest above it that exists."""
-    while not os.path.exists(folder) and folder != os.path.dirname(folder):
-        folder = os.path.dirname(folder)
-    return os.access(folder, os.W_OK)
+config.CACHE_DIR = _cache_folder()
 
 
-_have_cache()
-kernel = njit(cache=True, nogil=True, error_model="numpy")
-# For a short kernel that others call in a loop with a record of arrays: every call copies and
-# counts the record's arrays, which can take longer than the work.
-inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function when it is called first, and keep that for the next process."""
+    return cached(njit(function, nogil=True, error_model="numpy"))
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """The same for a short kernel that others call in a loop with a record of arrays.
+
+    Every call copies and counts the record's arrays, which can take longer than the work.
+    """
+    return cached(njit(function, nogil=True, error_model="numpy", inline="always"))
+
 
 THREADS = len(os.sched_getaffinity(0))
 LEAST = 2048  # rows below which a thread is not worth its start

@@ -34,7 +34,6 @@ class Cache:
     """Where numba keeps the compiled kernels."""
 
     folder: Path
-    lasting: bool  # False: a folder of this process alone, as no other could be written to
     writable: bool
     kernels: int  # compiled ones in it
     free: int  # bytes on its disk
@@ -98,14 +97,13 @@ def _version(module: str) -> str:
 def _cache() -> Cache:
     from numba import config  # only here: numba may be what is broken
 
-    from ellipseg_ros.core import jit  # sets it
+    import ellipseg_ros.core.jit  # noqa: F401  # sets it
 
     folder = Path(config.CACHE_DIR)
     nearest = next(place for place in (folder, *folder.parents) if place.exists())
     disk = os.statvfs(nearest)
     return Cache(
         folder=folder,
-        lasting=not folder.name.startswith(jit.PASSING),
         writable=os.access(nearest, os.W_OK),
         kernels=sum(1 for _ in folder.rglob("*.nbc")) if folder.exists() else 0,
         free=disk.f_bavail * disk.f_frsize,
@@ -181,10 +179,10 @@ def _numba(found: Installation) -> Iterator[Finding]:
 
 
 def _cache_finding(cache: Cache) -> Finding:
-    if not cache.lasting or not cache.writable:
+    if not cache.writable:
         return warn(
-            f"compiled kernels can't be kept ({cache.folder}): every start compiles them, half a "
-            "minute or more",
+            f"compiled kernels can't be kept ({cache.folder}): every start compiles those "
+            "that are not there, half a minute or more",
             "set NUMBA_CACHE_DIR to a folder that can be written to",
         )
     if cache.free < SPACE:

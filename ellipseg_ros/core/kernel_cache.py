@@ -1,0 +1,111 @@
+"""numba's cache of compiled kernels, without its trust in what it finds there.
+
+numba runs whatever machine code lies in its cache, and gives up where a file can't be read or
+written. Here every file begins with a digest of the rest: what is damaged is compiled anew, and
+what can't be written is left. A cache that may only be read is read.
+"""
+
+import hashlib
+import os
+import pickle
+import uuid
+from contextlib import suppress
+from typing import Any
+
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
+
+DIGEST = hashlib.sha256
+VERSION = f"{numba.__version__}/1".encode()  # of numba, and of this format
+
+
+def cached(kernel: Any) -> Any:
+    """The same kernel, cached; plain Python, where the compiler is off, stays what it is."""
+    if isinstance(kernel, Dispatcher):
+        kernel._cache = _Cache(kernel.py_func)  # type: ignore[attr-defined]  # numba's own
+    return kernel
+
+
+class _Files(IndexDataCacheFile):  # type: ignore[misc]  # numba is not typed
+    """The index of the versions of a kernel, and a file for each of them."""
+
+    def load(self, key: Any) -> Any:
+        try:
+            return self._read(self._data_path(self._load_index()[key]))
+        except (OSError, KeyError):
+            return None
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            stamp, names = self._read(self._index_path)
+        except OSError:
+            return {}
+        return names if stamp == self._source_stamp else {}
+
+    def _save_index(self, names: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._source_stamp, names))
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _data_name(self, number: int) -> str:
+        """A name that no other process takes at the same time for another version."""
+        return f"{self._index_name.removesuffix('.nbi')}.{uuid.uuid4().hex[:16]}.nbc"
+
+    def _read(self, path: str) -> Any:
+        """What was written; an OSError if it has changed since, or another numba wrote it."""
+        with open(path, "rb") as file:
+            digest, content = file.read(DIGEST().digest_size), file.read()
+        if digest != DIGEST(VERSION + content).digest():
+            raise OSError(f"{path} is damaged")
+        return pickle.loads(content)
+
+    def _write(self, path: str, value: Any) -> None:
+        content = self._dump(value)
+        with self._open_for_write(path) as file:
+            file.write(DIGEST(VERSION + content).digest() + content)
+
+
+class _Locator:
+    """The folder config.CACHE_DIR, whether or not one may write to it."""
+
+    def __init__(self, path: str, line: int) -> None:
+        self._path = path
+        self._line = line
+
+    @classmethod
+    def from_function(cls, function: Any, path: str) -> "_Locator":
+        return cls(path, function.__code__.co_firstlineno)
+
+    def ensure_cache_path(self) -> None:
+        os.makedirs(self.get_cache_path(), exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        folder = os.path.dirname(os.path.abspath(self._path))
+        name = hashlib.sha1(folder.encode(), usedforsecurity=False).hexdigest()
+        return os.path.join(numba.config.CACHE_DIR, f"{os.path.basename(folder)}_{name}")
+
+    def get_source_stamp(self) -> tuple[float, int]:
+        found = os.stat(self._path)
+        return found.st_mtime, found.st_size
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _Kernels(CompileResultCacheImpl):  # type: ignore[misc]  # numba is not typed
+    _locator_classes = [_Locator]
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]  # numba is not typed
+    _impl_class = _Kernels
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        with suppress(OSError):  # a full disk, or one that may only be read
+            super().save_overload(signature, compiled)
