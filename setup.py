@@ -19,12 +19,12 @@ NAME = "ellipseg_ros"
 ROOT = Path(__file__).resolve().parent  # colcon runs a symlink of this file in its build folder
 
 NODES = {
-    "associator": "ellipseg_ros.ros.associator_node",
-    "replayer": "ellipseg_ros.ros.replayer",
-    "segmenter": "ellipseg_ros.ros.segmenter_node",
+    "associator": "ellipseg_ros.ros.start:associator",
+    "replayer": "ellipseg_ros.ros.start:replayer",
+    "segmenter": "ellipseg_ros.ros.start:segmenter",
 }
 COMMANDS = {
-    "ellipseg": "ellipseg_ros.cli.main",
+    "ellipseg": "ellipseg_ros.cli.main:program",
 }
 
 # What of the generated code belongs below the install prefix.
@@ -112,11 +112,12 @@ class BuildMessages(build_ext):
         by_pip = self.distribution.get_command_obj("bdist_wheel", create=False)
         folder, scripts = (f"lib/{NAME}", NODES) if by_pip else ("bin", COMMANDS)
         (stage / folder).mkdir(parents=True, exist_ok=True)
-        for name, module in scripts.items():
+        for name, place in scripts.items():
+            module, function = place.split(":")
             script = stage / folder / name
             script.write_text(
                 "#!/usr/bin/env python3\n"
-                f"import sys\n\nfrom {module} import main\n\nsys.exit(main())\n"
+                f"import sys\n\nfrom {module} import {function}\n\nsys.exit({function}())\n"
             )
             script.chmod(0o755)
 
@@ -196,9 +197,7 @@ setup(
         ],
     },
     entry_points={
-        "console_scripts": [
-            f"{name} = {module}:main" for name, module in (NODES | COMMANDS).items()
-        ],
+        "console_scripts": [f"{name} = {place}" for name, place in (NODES | COMMANDS).items()],
     },
     distclass=BinaryDistribution,
     cmdclass={"build_ext": BuildMessages},

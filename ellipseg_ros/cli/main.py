@@ -4,20 +4,36 @@ import os
 import signal
 import sys
 from importlib import import_module
-from types import FrameType
+from typing import NoReturn
 
-from ellipseg_ros.cli.parser import build_parser
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.farewell import Farewell
 
 FAILED = 2  # exit code of every error that is not a bug; argparse uses it too
 INTERRUPTED = 128 + signal.SIGINT
+LAST_WORDS = "ellipseg: interrupted\n"
+
+
+def program() -> int:
+    """The command `ellipseg`: Ctrl-C and SIGTERM end it, from here on, within 2 s."""
+    farewell: Farewell | None = None
+    try:
+        farewell = Farewell(INTERRUPTED, LAST_WORDS, _interrupt)
+        return farewell.end(main())
+    except BaseException:
+        if farewell is None or not farewell.asked:
+            raise
+        # An import that is interrupted may fail in any way.
+        sys.stderr.write(LAST_WORDS)
+        return farewell.end(INTERRUPTED)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns 0, or 1 (a check failed), 2 (an error), 130 (Ctrl-C)."""
-    args = build_parser().parse_args(argv)
+    args = None
     try:
-        signal.signal(signal.SIGTERM, _interrupt)  # an ended demo ends its node, too
+        parser = import_module("ellipseg_ros.cli.parser")
+        args = parser.build_parser().parse_args(argv)
         command = import_module(f"ellipseg_ros.cli.{args.command}")  # numba, rclpy: only now
         code = int(command.run(args))
         sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
@@ -25,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     except EllipsegError as error:
         print(f"ellipseg: {error}", file=sys.stderr)
     except ModuleNotFoundError as error:
-        if not error.name or error.name.startswith("ellipseg_ros"):
+        if args is None or not error.name or error.name.startswith("ellipseg_ros"):
             raise
         package = error.name.partition(".")[0]
         print(f"ellipseg: {args.command} needs the package {package}; install it", file=sys.stderr)
@@ -34,12 +50,12 @@ def main(argv: list[str] | None = None) -> int:
     except OSError as error:
         print(f"ellipseg: {_one_line(error)}", file=sys.stderr)
     except KeyboardInterrupt:
-        print("ellipseg: interrupted", file=sys.stderr)
+        sys.stderr.write(LAST_WORDS)
         return INTERRUPTED
     return FAILED
 
 
-def _interrupt(signum: int, frame: FrameType | None) -> None:
+def _interrupt() -> NoReturn:
     raise KeyboardInterrupt
 
 
@@ -50,4 +66,4 @@ def _one_line(error: OSError) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program())

@@ -11,7 +11,12 @@ from threading import Thread
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.measuring.memory import held_mb, peak_mb
 
-START = "import sys; from ellipseg_ros.ros.segmenter_node import main; sys.exit(main())"
+START = """
+import ctypes, signal, sys
+ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG: it doesn't outlive who started it
+from ellipseg_ros.ros.start import segmenter
+sys.exit(segmenter())
+"""
 FAREWELL = 10.0  # s that the node gets to end before it is killed
 
 

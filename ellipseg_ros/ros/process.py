@@ -1,11 +1,10 @@
 """Runs a node as a process: from the command line to a clean end."""
 
 import os
-import signal
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Protocol
+from typing import Protocol
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -14,6 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.farewell import Farewell
 
 # Ends the process: in peace (None), or by an error that nobody expected.
 End = Callable[[BaseException | None], None]
@@ -64,10 +64,10 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
     """Keep a node until SIGINT, SIGTERM or its own end; return the exit code.
 
     make: makes it, given the call that ends it; an EllipsegError is said in one line, code 2.
-    A second signal changes nothing.
+    A second signal changes nothing, and the process ends within 2 s of the first.
     """
     ending: SimpleQueue[BaseException | None] = SimpleQueue()  # may be filled by signal handlers
-    _on_signals(lambda *_: ending.put(None))
+    farewell = Farewell(0, do=lambda: ending.put(None))
     # rclpy's own handlers would end the context before the node can say farewell.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -86,9 +86,4 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
         raise reason
     if not finished:
         os._exit(0)  # a kernel that compiles or runs can't be interrupted, and would delay the end
-    return 0
-
-
-def _on_signals(handler: Callable[..., Any]) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handler)
+    return farewell.end(0)

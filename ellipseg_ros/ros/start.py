@@ -1,0 +1,29 @@
+"""The executables of the package: a signal ends them from the first line on.
+
+The nodes themselves are imported afterwards, which takes seconds.
+"""
+
+from importlib import import_module
+
+from ellipseg_ros.farewell import Farewell
+
+
+def segmenter() -> int:
+    """`ros2 run ellipseg_ros segmenter`."""
+    return _run("segmenter_node")
+
+
+def associator() -> int:
+    """`ros2 run ellipseg_ros associator`."""
+    return _run("associator_node")
+
+
+def replayer() -> int:
+    """`ros2 run ellipseg_ros replayer`."""
+    return _run("replayer")
+
+
+def _run(module: str) -> int:
+    farewell = Farewell(0)
+    code = int(import_module(f"ellipseg_ros.ros.{module}").main())
+    return farewell.end(code)
