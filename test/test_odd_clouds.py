@@ -176,7 +176,10 @@ def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
     first = segmenter.process(with_fields(500))
     second = segmenter.process(with_fields(100, ("more", "u1", (300,)), second=1))
     assert (first.crowded_out, len(first.points)) == (0, 500)
-    assert (second.crowded_out, len(second.points)) == (500, 100)  # room for 320; one time, one fate
+    assert (second.crowded_out, len(second.points)) == (
+        500,
+        100,
+    )  # room for 320; one time, one fate
     unlimited = Segmenter(replace(config, max_points=0))
     assert len(unlimited.process(with_fields(500)).points) == 500
 

@@ -19,9 +19,34 @@ BLOCK = 20  # cases of which most have the same fields, as those of one sensor w
 START = 1_700_000_000 * SECOND  # ns
 STEP = SECOND // 10  # ns, between two clouds
 HUGE = (0, 1, 2**15, 2**16 - 1, 2**20 + 1, 2**31 - 1, 2**31, 2**32 - 1)  # uint32
-ODD = (np.nan, np.inf, -np.inf, 5e-324, 1e-310, -0.0, 1e30, -1e30, 1e300, 3.4e38, 1e8, -1.0000001e8)
+ODD = (
+    np.nan,
+    np.inf,
+    -np.inf,
+    5e-324,
+    1e-310,
+    -0.0,
+    1e30,
+    -1e30,
+    1e300,
+    3.4e38,
+    1e8,
+    -1.0000001e8,
+)
 FRAMES = ("map", "", "base_link", "ödom/ß", "a b", "/odom", "x" * 300, "two\nlines", "nul\0", "…")
-FIELDS = ("intensity", "ring", "label", "object", "rgb", "input_label", "file", "é", "_", "", "x y")
+FIELDS = (
+    "intensity",
+    "ring",
+    "label",
+    "object",
+    "rgb",
+    "input_label",
+    "file",
+    "é",
+    "_",
+    "",
+    "x y",
+)
 
 
 @dataclass(frozen=True)
@@ -194,7 +219,9 @@ def _cloud(points: Array, fields: list[Field], step: int, rng: np.random.Generat
         if values is not None:
             kind = np.dtype(TYPES[field.datatype]).newbyteorder(">" if bigendian else "<")
             strides = (row_step, step)
-            rows = np.ndarray((height, width), kind, data, field.offset, strides) if width else None
+            rows = (
+                np.ndarray((height, width), kind, data, field.offset, strides) if width else None
+            )
             with np.errstate(over="ignore", invalid="ignore"):
                 if rows is not None:
                     rows[...] = values.reshape(height, width).astype(kind)

@@ -47,7 +47,7 @@ class Tally:
 
 
 class Consumer:
-    """What the node does with clouds, without the node; and a look at everything that comes out."""
+    """What the node does with clouds, but without it; and a look at everything that comes out."""
 
     def __init__(self, config: Config, tally: Tally) -> None:
         self._config = config
