@@ -97,7 +97,7 @@ def _version(module: str) -> str:
 def _cache() -> Cache:
     from numba import config  # only here: numba may be what is broken
 
-    import ellipseg_ros.core.jit  # noqa: F401  # sets it
+    import ellipseg_ros.core.jit  # noqa: F401, it sets CACHE_DIR
 
     folder = Path(config.CACHE_DIR)
     nearest = next(place for place in (folder, *folder.parents) if place.exists())
