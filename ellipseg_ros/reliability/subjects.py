@@ -9,10 +9,12 @@ from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.reliability.hour import hour
 from ellipseg_ros.reliability.overload import overload
 from ellipseg_ros.reliability.promises import Promise, Trial
+from ellipseg_ros.reliability.strangers import strangers
 
 SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "hour": ("An hour of driving", hour),
     "overload": ("More points than the machine can do", overload),
+    "strangers": ("Calls of strangers", strangers),
 }
 
 

@@ -90,7 +90,9 @@ class CloudInput:
             self._node.destroy_subscription(self._old)
         self._old, self._subscription = self._subscription, self._subscribe()
         name = wanted.name.lower().replace("_", " ")
-        self._node.get_logger().info(f"{self._topic}: {name}, as its publishers are")
+        self._node.get_logger().info(
+            f"{self._topic}: {name}, as its publishers are", throttle_duration_sec=1.0
+        )
 
     def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:
         number = info["publication_sequence_number"]

@@ -149,6 +149,16 @@ def test_saved_and_loaded_it_is_the_same(node):
     assert node.update(no_landmarks(), 202).map_landmarks == before
 
 
+def test_nobody_on_the_network_says_where_it_writes(node, tmp_path):
+    other = tmp_path / "other.npz"
+    (answer,) = node.me.set(NODE, map_file=str(other))
+    assert not answer.successful and "read-only" in answer.reason
+    (value,) = node.me.get(NODE, "map_file")
+    assert value.string_value == str(node.path)
+    assert str(node.path) in node.call("save").message
+    assert not other.exists()
+
+
 def test_a_file_that_is_no_map_is_refused_and_the_map_stays(node):
     before = node.update(no_landmarks(), 300).map_landmarks
     node.path.write_bytes(b"no map")
