@@ -46,7 +46,7 @@ ifneq ($(file <$(READY)),$(CURDIR))
 endif
 
 $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml \
-          $(wildcard msg/*.msg config/* launch/*)
+          $(wildcard msg/*.msg config/*.* config/sros2/* launch/*)
 	@stop() { echo "make setup: $$1" >&2; exit 1; }
 	[ "$$(uname -sm)" = "Linux x86_64" ] || stop \
 	    "ROS 2 is on PyPI for Linux on x86-64 only; elsewhere use colcon with a ROS installation"

@@ -1,0 +1,93 @@
+"""The policy of DDS security allows each node what it does, and nothing else."""
+
+import time
+import xml.etree.ElementTree as ElementTree
+from contextlib import ExitStack
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+from harness import LIMIT, peer, running
+
+from ellipseg_ros.ros.observing import Observer
+
+POLICY = Path(__file__).parents[2] / "config" / "sros2" / "ellipseg.policy.xml"
+NODES = {
+    "segmenter": ("segmenter_node", ["-p", "use_sim_time:=true"]),
+    "associator": ("associator_node", ["-p", "use_sim_time:=true"]),
+    "replayer": ("replayer", ["-p", "source:=sim:industrial", "-p", "ahead:=1.0"]),
+}
+
+
+def allowed(enclave):
+    """What the policy allows: "publish", "subscribe", "reply", "request" -> full names."""
+    tree = ElementTree.parse(POLICY).getroot()
+    (profile,) = tree.findall(f"./enclaves/enclave[@path='/ellipseg/{enclave}']/profiles/profile")
+    found = {"publish": set(), "subscribe": set(), "reply": set(), "request": set()}
+    own = f"/{profile.get('node')}/"
+    for names in profile:
+        for right, granted in names.attrib.items():
+            assert granted == "ALLOW" and not found[right]
+            texts = [item.text for item in names]
+            assert len(set(texts)) == len(texts)
+            full = [text.replace("~/", own) if text[0] in "~/" else f"/{text}" for text in texts]
+            found[right] = set(full)
+    return profile.get("node"), found
+
+
+def done(node, name):
+    """What a running node does, as the graph tells."""
+
+    def names(which):
+        return {topic for topic, _ in getattr(node, f"get_{which}_by_node")(name, "/")}
+
+    return {
+        "publish": names("publisher_names_and_types"),
+        "subscribe": names("subscriber_names_and_types"),
+        "reply": names("service_names_and_types"),
+        "request": names("client_names_and_types"),
+    }
+
+
+@pytest.fixture(scope="module")
+def graph(session_ros_domain, tmp_path_factory):
+    """All nodes, with all that a setting can add."""
+    folder = tmp_path_factory.mktemp("policy")
+    with ExitStack() as stack:
+        for name, (module, arguments) in NODES.items():
+            stack.enter_context(running(module, arguments, folder / name))
+        yield stack.enter_context(peer(session_ros_domain)).node
+
+
+@pytest.mark.parametrize("enclave", NODES)
+def test_a_node_does_all_that_it_may_and_no_more(graph, enclave):
+    name, expected = allowed(enclave)
+    end = time.monotonic() + LIMIT
+    found = None
+    while found != expected and time.monotonic() < end:
+        time.sleep(0.1)  # the graph tells of no change
+        if name in graph.get_node_names():
+            found = done(graph, name)
+    assert found == expected
+
+
+def test_an_operator_hears_and_calls_all_of_them(session_ros_domain):
+    _, operator = allowed("operator")
+    topics, services = set(), set()
+    for enclave in NODES:
+        _, rights = allowed(enclave)
+        topics |= rights["publish"] | rights["subscribe"]
+        services |= rights["reply"]
+    assert operator["subscribe"] == topics
+    assert operator["request"] == services
+    assert operator["publish"] == {"/parameter_events", "/rosout"}
+
+
+def test_the_doctor_may_be_an_operator(session_ros_domain):
+    _, operator = allowed("operator")
+    with Observer("", "/") as observer:
+        observer.observe(0.1)
+        found = done(observer.node, observer.node.get_name())
+    for right, names in found.items():
+        for name in names:
+            assert any(fnmatch(name, one) for one in operator[right]), f"{right} {name}"
