@@ -2,7 +2,9 @@
 
 from argparse import Namespace
 
+from ellipseg_ros.cli.report import say
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.frames import looks_like_a_sensor, warning
 from ellipseg_ros.io.sources import SIMULATED, Source, open_source
 
 SCENE_OPTIONS = ("seed", "duration", "speed", "noise_seed", "start", "aside", "backwards")
@@ -15,4 +17,7 @@ def open_input(spec: str, args: Namespace) -> Source:
     if scene and not spec.startswith(SIMULATED):
         option = next(iter(scene)).replace("_", "-")
         raise EllipsegError(f"--{option} is for simulated scenes; {spec} is none")
-    return open_source(spec, getattr(args, "topic", ""), **scene)
+    source = open_source(spec, getattr(args, "topic", ""), **scene)
+    if source.count != 1 and looks_like_a_sensor(source.frame_id):  # one cloud smears nothing
+        say(warning(source.frame_id), args)
+    return source
