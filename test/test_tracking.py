@@ -77,3 +77,19 @@ def test_other_moments_of_the_same_points_are_an_update():
     tracker.assign(np.arange(3), labels, np.array([[3.0, 1.0]]))
     assert tracker.assign(np.arange(3), labels, np.array([[3.0, 1.0]])).state == [State.UNCHANGED]
     assert tracker.assign(np.arange(3), labels, np.array([[3.0, 1.5]])).state == [State.UPDATED]
+
+
+def test_used_up_ids_begin_anew_without_those_in_use(monkeypatch):
+    monkeypatch.setattr("ellipseg_ros.core.tracking.LAST_ID", 50)
+    tracker = Tracker()
+    labels = np.arange(6, dtype=np.int32)
+    stays, seen = None, set()
+    for update in range(20):  # segment 0 keeps its points, the other five are new every time
+        arrival = np.concatenate([[0], 1 + np.arange(5 * update, 5 * update + 5)])
+        tracks = tracker.assign(arrival, labels, facts(labels))
+        stays = stays or tracks.ids[0]
+        assert tracks.ids[0] == stays == 1
+        assert len(set(tracks.ids.tolist()) - {0}) == 6 and tracks.ids.max() <= 50
+        assert not set(tracks.ids.tolist()) & set(tracks.removed.tolist())
+        seen |= set(tracks.ids.tolist())
+    assert seen >= set(range(1, 41))

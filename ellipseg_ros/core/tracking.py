@@ -7,6 +7,8 @@ import numpy as np
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.data import Array, Ragged, State
 
+LAST_ID = 2**32 - 1  # of uint32
+
 
 class Tracks(NamedTuple):
     """What became of the segments; s segments of now."""
@@ -35,10 +37,14 @@ class Shares(NamedTuple):
 
 
 class Tracker:
-    """Gives ids, from 1, never twice; knows the segments of the last update by their points."""
+    """Gives ids, from 1, and none twice until all of uint32 are used up.
+
+    It knows the segments of the last update by their points.
+    """
 
     def __init__(self) -> None:
         self._next = 1
+        self._again = False  # whether ids are given that were given before
         self._gone = np.zeros(0, np.uint32)  # ids that a reset has ended, not yet told
         self._forget()
 
@@ -82,8 +88,7 @@ class Tracker:
         ids = np.zeros(len(facts), np.uint32)
         ids[heirs] = self._ids[inherited]
         fresh = np.flatnonzero(ids == 0)
-        ids[fresh] = np.arange(self._next, self._next + len(fresh))
-        self._next += len(fresh)
+        ids[fresh] = self._new_ids(len(fresh))
 
         state = np.full(len(facts), State.NEW, np.uint8)
         state[heirs] = State.UPDATED
@@ -96,6 +101,19 @@ class Tracker:
         self._arrival, self._labels, self._ids, self._facts = arrival, labels, ids, facts
         self._gone = np.zeros(0, np.uint32)
         return Tracks(ids, state, parents, removed)
+
+    def _new_ids(self, count: int) -> Array:
+        """(count,) uint32 ascending; when all are used up, from 1 on those that are free again."""
+        if self._next + count > LAST_ID:
+            self._next, self._again = 1, True
+        if not self._again:
+            ids = np.arange(self._next, self._next + count)
+        else:
+            taken = np.concatenate([self._ids, self._gone])
+            ids = np.arange(self._next, self._next + count + len(taken))
+            ids = ids[~np.isin(ids, taken)][:count]
+        self._next = int(ids[-1]) + 1 if count else self._next
+        return ids.astype(np.uint32)
 
     def _same(self, heirs: Array, inherited: Array, shares: Shares, facts: Array) -> Array:
         """(heirs,) bool: the same points and the same facts as before."""

@@ -226,7 +226,8 @@ def _counted(cases: list[Case]) -> Promise:
     ]
     return Promise(
         "what is lost or taken together is counted",
-        "best effort, as by default; what /diagnostics count against what was sent",
+        "`input_reliability` auto, and a reliable publisher; what /diagnostics count against what "
+        "was sent",
         _each(cases, texts),
         all(case.clouds == came + lost for case, (came, lost, _) in zip(cases, told, strict=True)),
     )
