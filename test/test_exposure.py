@@ -18,6 +18,9 @@ NODES = sorted((ROOT / "ellipseg_ros" / "ros").glob("*.py"))
 
 # What runs code that stands in data.
 FORBIDDEN_MODULES = {"cPickle", "cloudpickle", "dill", "jsonpickle", "marshal", "pickle", "shelve"}
+# numba's own format: compiled code, in a folder of the user alone; whoever writes there could
+# change the code itself.
+ITS_OWN = {"core/kernel_cache.py": {"pickle"}}
 FORBIDDEN_CALLS = {
     "compile",
     "eval",
@@ -65,7 +68,8 @@ def test_no_data_is_run_as_code(path: Path) -> None:
         names = [item.name for item in node.names] if isinstance(node, ast.Import) else []
         if isinstance(node, ast.ImportFrom):
             names.append(node.module or "")
-        assert not {name.split(".")[0] for name in names} & FORBIDDEN_MODULES
+        found = {name.split(".")[0] for name in names} & FORBIDDEN_MODULES
+        assert found <= ITS_OWN.get("/".join(path.parts[-2:]), set())
     for name, call in calls(tree):
         assert name not in FORBIDDEN_CALLS, f"line {call.lineno}: {name}"
         assert keyword(call, "shell") is not True, f"line {call.lineno}: a shell"

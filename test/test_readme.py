@@ -17,6 +17,8 @@ from ellipseg_ros.config import (
     NodeConfig,
     walk,
 )
+from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.ros.replayer import Place
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -62,6 +64,25 @@ def test_the_parameters_are_those_of_config() -> None:
 def test_the_parameters_of_the_associator_are_those_of_config() -> None:
     shown = README.split("compares this one, too -->\n")[1].split("\n<!-- end")[0]
     assert shown == parameter_table(AssociationConfig(), MapConfig(), AssociatorConfig())
+
+
+def test_the_parameters_of_the_replayer_are_those_of_its_options() -> None:
+    shown = README.split("compares this one as well -->\n")[1].split("\n<!-- end")[0]
+    assert shown == parameter_table(ReplayOptions(), Place())
+
+
+def test_the_levels_of_the_diagnostics_are_those_of_the_node() -> None:
+    source = (ROOT / "ellipseg_ros" / "ros" / "health.py").read_text()
+    table = README.split("with ros/health.py -->\n")[1].split("\n<!-- end")[0]
+    named = re.findall(r"^\| \w+ \| [^`]*`([^`]+)`", table, re.M)
+    # Where a line begins; one that begins with a number goes on with the next word.
+    begun = re.findall(r'(?:append\(|return \[|ERROR, |OK, )\s*f?"(?:{[^}]*} )?([^"{]+)', source)
+    said = {line.strip() for line in begun}
+    assert len(said) >= 12
+    for line in said:
+        assert any(line in name or name in line for name in named), f"{line} is not in README.md"
+    for name in named:
+        assert any(line in name or name in line for line in said), f"{name} is never said"
 
 
 def test_the_python_runs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -66,8 +66,8 @@ def _mismatches(topic: Topic) -> Iterator[Finding]:
     for text in topic.mismatches:
         yield error(
             f"{topic.name}: QoS does not match, nothing arrives: {text}",
-            "offer what is asked for: a segmenter with input_reliability best_effort and a viewer "
-            "with reliability best effort and durability volatile match everybody",
+            "offer what is asked for: a segmenter with input_reliability auto and a viewer with "
+            "reliability best effort and durability volatile match everybody",
         )
 
 

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import PointCloud2
 
@@ -23,6 +23,7 @@ from ellipseg_ros.data import SECOND
 from ellipseg_ros.doctor.seen import Cloud, End, Graph, SegmenterSeen, Topic
 from ellipseg_ros.errors import EllipsegError, InputError
 from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.ros.cloud_input import BEST_EFFORT, RELIABLE
 from ellipseg_ros.ros.process import Spinner
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -76,8 +77,7 @@ class Observer:
         """Look around, then listen for so many seconds."""
         self._wait(DISCOVERY, self._all_is_there)
         self._choose_topic()
-        best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.node.create_subscription(PointCloud2, self._topic, self._on_cloud, best_effort)
+        self.node.create_subscription(PointCloud2, self._topic, self._on_cloud, self._qos())
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH)
         for name in self._segmenters():
             self._ask(name)
@@ -104,6 +104,12 @@ class Observer:
         inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
         if inputs and not self._asked and self._topic not in inputs:
             self._topic = inputs[0]
+
+    def _qos(self) -> QoSProfile:
+        """As the node listens: best effort only if it must be, as large clouds get lost then."""
+        offered = self.node.get_publishers_info_by_topic(self._topic)
+        reliable = all(one.qos_profile.reliability == RELIABLE for one in offered)
+        return QoSProfile(depth=DEPTH, reliability=RELIABLE if reliable else BEST_EFFORT)
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrived, now_ns = time.monotonic(), time.time_ns()
