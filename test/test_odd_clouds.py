@@ -17,14 +17,14 @@ from ellipseg_ros.io.limits import LAST_STAMP
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
 from ellipseg_ros.io.times import time_offsets
-from ellipseg_ros.reliability import account, inputs
+from ellipseg_ros.reliability import account, conversion
 from ellipseg_ros.reliability.clouds import Header, Time, large_cloud, odd_cloud, serialized
 from ellipseg_ros.segmenter import Segmenter, segment
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_odd_clouds_give_an_update_or_a_short_reason_and_every_point_is_accounted_for(seed):
-    tally = inputs.convert(seed, range(300))
+    tally = conversion.convert(seed, range(300))
     assert not tally.faults
     assert tally.cases == 300 and tally.accepted > 150 and tally.updates > 30
     assert len(tally.rejected) >= 6  # of the reasons that there are
@@ -86,8 +86,8 @@ def test_what_raises_or_warns_is_a_fault(monkeypatch):
             raise ZeroDivisionError("that was not expected")
         return read_sweep(cloud)
 
-    monkeypatch.setattr(inputs, "read_sweep", odd)
-    assert any("that was not expected" in fault for fault in inputs.convert(0, range(40)).faults)
+    monkeypatch.setattr(conversion, "read_sweep", odd)
+    assert any("that was not expected" in fault for fault in conversion.convert(0, range(40)).faults)
 
 
 # --- what was found, and mended ---------------------------------------------------------------

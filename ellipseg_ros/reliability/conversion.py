@@ -1,4 +1,4 @@
-"""Odd clouds through conversion, segmenter and node: none may break anything, all are counted."""
+"""Odd clouds through the conversion and the segmenter: an update or a reason, and no more."""
 
 import time
 import traceback
@@ -6,7 +6,6 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import Segmentation, Sweep
@@ -37,6 +36,10 @@ class Tally:
     rejected: Counter[str] = field(default_factory=Counter)  # by reason
     points: int = 0  # of the clouds that were accepted
     updates: int = 0
+    restarts: int = 0
+    late: int = 0  # points
+    crowded_out: int = 0  # points
+    last: Segmentation | None = None
     faults: list[str] = field(default_factory=list)  # whatever must not be, in words
     slowest: float = 0.0  # s, the conversion, and what update it closes, of one cloud
 
@@ -83,7 +86,12 @@ class Consumer:
             self._look_at(name, group, found)
 
     def _look_at(self, name: str, group: Sweep, found: Segmentation) -> None:
-        self._tally.updates += 1
+        tally = self._tally
+        tally.updates += 1
+        tally.restarts += bool(found.restart)
+        tally.late += found.late
+        tally.crowded_out += found.crowded_out
+        tally.last = found
         before = None if found.restart else self._before
         self._before = found
         for fault in faults(before, group, found, self._config):
@@ -99,12 +107,11 @@ class Consumer:
 def convert(seed: int, cases: Iterable[int]) -> Tally:
     """Give the clouds of these cases to what the node consists of; a warning is a fault, too."""
     tally = Tally()
-    consumer: Any = None
+    consumer = Consumer(CONFIGS[0], tally)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for number, case in enumerate(cases):
             if number % STREAM == 0:
-                config = CONFIGS[number // STREAM % len(CONFIGS)]
-                consumer = Consumer(config, tally)
+                consumer = Consumer(CONFIGS[number // STREAM % len(CONFIGS)], tally)
             consumer.take(str(case), odd_cloud(seed, case))
     return tally
