@@ -8,6 +8,8 @@ from ellipseg_ros.config import MapConfig
 from ellipseg_ros.data import SECOND, Array, Kind, Landmarks
 from ellipseg_ros.errors import InputError
 
+LARGEST = 1e8  # m: as with points, a coordinate beyond is no measurement
+ROUNDING = 1e-6  # of a covariance, by its largest value
 ROW_SHAPES = {  # of the arrays of Landmarks: of one row, and type
     "ids": ((), np.uint32),
     "kind": ((), np.uint8),
@@ -77,9 +79,26 @@ def check(landmarks: Landmarks) -> None:
             raise InputError(f"{name} has a value that is not finite", "map")
     if (landmarks.kind >= len(Kind)).any():
         raise InputError(f"kind is {landmarks.kind.max()}; it must be below {len(Kind)}", "map")
+    for name in ("position", "sigma", "low", "high", "axes"):
+        if np.abs(getattr(landmarks, name)).max(initial=0.0) > LARGEST:
+            raise InputError(f"{name} has a value beyond {LARGEST:g}; it is no measurement", "map")
+    if (landmarks.sigma < 0.0).any() or (landmarks.low > landmarks.high).any():
+        raise InputError("sigma is below 0, or low above high, of a landmark", "map")
+    _check_covariance(landmarks.covariance)
     product = np.einsum("nki,nkj->nij", landmarks.axes, landmarks.axes)
     if np.abs(product - np.eye(3)).max(initial=0.0) > 1e-6:
         raise InputError("axes of a landmark are no rotation", "map")
+
+
+def _check_covariance(covariance: Array) -> None:
+    """Refuse what is none: every one must be symmetric, without a negative variance."""
+    largest = np.abs(covariance).max(axis=(1, 2), initial=0.0)
+    if largest.max(initial=0.0) > LARGEST**2:
+        raise InputError(f"covariance has a value beyond {LARGEST**2:g}; it is none", "map")
+    apart = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(axis=(1, 2), initial=0.0)
+    least = np.linalg.eigvalsh(covariance).min(axis=1, initial=0.0)
+    if (apart > ROUNDING * largest).any() or (least < -ROUNDING * largest).any():
+        raise InputError("covariance of a landmark is not symmetric, or below 0", "map")
 
 
 class LandmarkMap:

@@ -29,7 +29,7 @@ class SegmentMirror:
         if message.full:
             self.segments = {segment.id: segment for segment in message.segments}
             self.objects = {thing.id: thing for thing in message.objects}
-            self.in_step = True
+            self.in_step = self._complete(message)
         elif not again:
             follows = self.in_step and message.sequence == self._sequence + 1
             self.in_step = follows and self._apply(message)
@@ -40,7 +40,12 @@ class SegmentMirror:
         """Make the changes; False if they are not those of this copy, but of another run's."""
         known = _change(self.segments, message.segments, message.removed)
         known &= _change(self.objects, message.objects, message.removed_objects)
-        return known and sum(s.count for s in self.segments.values()) == message.segmented
+        return known and self._complete(message)
+
+    def _complete(self, message: Any) -> bool:
+        """Whether these can be all segments of a window: each has points, and all are counted."""
+        counts = [segment.count for segment in self.segments.values()]
+        return min(counts, default=1) > 0 and sum(counts) == message.segmented
 
 
 def _change(copies: dict[int, Any], listed: Any, removed: Any) -> bool:

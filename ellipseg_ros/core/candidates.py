@@ -9,8 +9,10 @@ from ellipseg_ros.core.cholesky import factorize, solve_lower, solve_upper
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.pairing import DEGREES, MOST, Things, compare, near, scratch
 from ellipseg_ros.data import Array
+from ellipseg_ros.errors import InputError
 
 IDENTITY = np.eye(4)
+MOST_PAIRS = 2_000_000  # that are looked at: thousands of landmarks that are all alike tell nothing
 
 
 class Bounds(NamedTuple):
@@ -39,10 +41,17 @@ class Claims(NamedTuple):
 
 
 def candidates(earlier: Things, later: Things, centre: Array, bounds: Bounds) -> Candidates:
-    """Pairs of one kind and of like size, near enough to be one after a motion within bounds."""
+    """Pairs of one kind and of like size, near enough to be one after a motion within bounds.
+
+    Raises InputError for more than MOST_PAIRS, each of which costs memory.
+    """
     counts = np.zeros(len(later.kind) + 1, np.int64)
     possible = np.zeros((len(later.kind), len(earlier.kind)), np.bool_)
     for_rows(_gate, len(later.kind), earlier, later, centre, bounds, possible)
+    if np.count_nonzero(possible) > MOST_PAIRS:
+        raise InputError(
+            f"more than {MOST_PAIRS} pairs of landmarks may be the same; narrower bounds help", "many"
+        )
     j, i = np.nonzero(possible)
     np.cumsum(np.bincount(j, minlength=len(later.kind)), out=counts[1:])
     return Candidates(counts, i, j)

@@ -8,16 +8,21 @@ from ellipseg_ros.data import SECOND, Array, Landmarks
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.landmark_map import check
 
+MOST = 5000  # landmarks of a message: a window has hundreds, and each is held against the map
+
 
 def read_landmarks(message: Any) -> Landmarks:
     """The landmarks of a message, ascending by id.
 
     Raises InputError, in one line, for what cannot be: a kind that there is not, ids that occur
-    twice, numbers that are not finite, an orientation of length 0.
+    twice, numbers that are not finite, an orientation of length 0, too many landmarks.
     """
+    if len(message.landmarks) > MOST:
+        raise InputError(f"there are {len(message.landmarks)} landmarks; {MOST} is the most", "many")
     rows = sorted(message.landmarks, key=lambda landmark: landmark.id)
     orientation = _table([_xyzw(row.orientation) for row in rows], 4)
-    length = np.sqrt((orientation**2).sum(axis=1))
+    with np.errstate(over="ignore"):
+        length = np.sqrt((orientation**2).sum(axis=1))
     if not (np.abs(length - 1.0) < 1e-3).all():
         raise InputError("a landmark's orientation is not of length 1", "orientation")
     found = Landmarks(
@@ -62,4 +67,6 @@ def _points(rows: list[Any], name: str) -> Array:
 
 
 def _table(rows: list[Any], width: int) -> Array:
+    if any(len(row) != width for row in rows):
+        raise InputError(f"a landmark has a row that is not of {width} numbers", "length")
     return np.array(rows, np.float64).reshape(len(rows), width)

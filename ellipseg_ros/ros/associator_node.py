@@ -14,9 +14,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.association import associate, warm_up
 from ellipseg_ros.config import AssociationConfig, AssociatorConfig, MapConfig, flatten
-from ellipseg_ros.data import SECOND
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.landmark_messages import read_landmarks
+from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.map_file import read_map, write_map
 from ellipseg_ros.landmark_map import LandmarkMap
 from ellipseg_ros.msg import Association as AssociationMessage
@@ -89,14 +89,14 @@ class AssociatorNode:
         started = time.monotonic()
         try:
             live = read_landmarks(msg)
-            stamp = msg.header.stamp
-            self._map.update(live, stamp.sec * SECOND + stamp.nanosec, msg.header.frame_id)
+            check_name("frame_id", msg.header.frame_id)
+            self._map.update(live, read_stamp(msg.header.stamp), msg.header.frame_id)
+            known = self._map.known()
+            found = associate(known.landmarks, live, self._config)
         except InputError as error:
             self._health.rejected(str(error))
             self._log.warning(f"landmarks rejected: {error}", throttle_duration_sec=5.0)
             return
-        known = self._map.known()
-        found = associate(known.landmarks, live, self._config)
         if found.verdict.tells:
             self._map.recognized(live.ids[found.pairs[:, 1]])
         send(self._associations, lambda: association_message(found, known, live, msg.header))
