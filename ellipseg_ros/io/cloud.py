@@ -6,6 +6,7 @@ They are imported when a file needs them, since a node never does.
 """
 
 import re
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,8 @@ import numpy as np
 
 from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.claims import check_arrays, check_las, check_pcd, check_ply
+from ellipseg_ros.io.limits import LAST_STAMP
 from ellipseg_ros.io.pointcloud2 import (
     append_fields,
     as_native,
@@ -27,6 +30,7 @@ from ellipseg_ros.io.times import time_offsets
 
 FRAME = "odom"  # files name none; a world-fixed frame by REP-105
 SLICE = 0.1  # s: clouds with times but without sweep numbers are cut into such sweeps
+LAS_CHUNK = 500_000  # points that are read at once: a header may claim more than there are
 PLY_TYPES = {
     "i1": "char",
     "u1": "uchar",
@@ -76,9 +80,11 @@ class CloudSweeps:
 def _sweep_numbers(fields: Array, path: Path) -> Array | None:
     """(n,) which sweep each point of an NPZ belongs to; None for all in one."""
     names = fields.dtype.names or ()
-    if "t" in names and not np.isfinite(fields["t"]).all():
+    if "t" in names and not (np.abs(fields["t"]) <= LAST_STAMP).all():
         raise InputError(
-            f"{path}: t holds NaN or Inf; it must be seconds, for every point", "times"
+            f"{path}: t holds NaN, Inf or more than {LAST_STAMP}; it must be seconds, for every "
+            "point",
+            "times",
         )
     if "sweep" in names:
         return np.asarray(fields["sweep"])
@@ -123,6 +129,7 @@ def _one_line(path: Path) -> Iterator[None]:
 def _read_pcd(path: Path) -> Array:
     from pypcd4.pypcd4 import PointCloud
 
+    check_pcd(path)
     cloud = PointCloud.from_path(path)
     meta = cloud.metadata
     data = np.atleast_1d(cloud.pc_data)
@@ -146,6 +153,7 @@ def _read_pcd(path: Path) -> Array:
 def _read_ply(path: Path) -> Array:
     from trimesh.exchange.ply import load_ply
 
+    check_ply(path)
     with path.open("rb") as file:
         elements = load_ply(file)["metadata"]["_ply_raw"]
     if "vertex" not in elements:
@@ -161,16 +169,21 @@ def _read_ply(path: Path) -> Array:
 def _read_las(path: Path) -> Array:
     import laspy
 
-    with laspy.open(path) as file:
-        las = file.read()
-        if len(las.points) != file.header.point_count:
-            raise InputError(f"it holds {len(las.points)} points of {file.header.point_count}")
-    columns = {"x": las.x, "y": las.y, "z": las.z}
-    columns |= {n: las[n] for n in las.point_format.dimension_names if n not in ("X", "Y", "Z")}
-    return _table(columns)
+    check_las(path)
+    with laspy.open(path, read_evlrs=False) as file:
+        names = [n for n in file.header.point_format.dimension_names if n not in ("X", "Y", "Z")]
+        tables = [
+            _table({name: chunk[name] for name in ("x", "y", "z", *names)})
+            for chunk in file.chunk_iterator(LAS_CHUNK)
+        ]
+        read = sum(len(table) for table in tables)
+        if not read or read != file.header.point_count:
+            raise InputError(f"it holds {read} points of {file.header.point_count}")
+    return np.concatenate(tables)
 
 
 def _read_npz(path: Path) -> Array:
+    check_arrays(path)
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     if "xyz" in arrays:
@@ -238,7 +251,11 @@ def write_npz(path: Path, found: Segmentation) -> None:
             arrays[f"object_{name}"] = getattr(found.objects, name)
         arrays["object_id"] = found.objects.ids
     with _replacing(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        # Not savez: it would take fields that are named as its parameters are for those.
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
 def write_ply(path: Path, found: Segmentation) -> None:
@@ -259,7 +276,8 @@ def write_ply(path: Path, found: Segmentation) -> None:
             columns[_unused(re.sub(r"\s+", "_", name), columns)] = column
         else:
             flat = column.reshape(len(column), -1)
-            columns |= {f"{name}_{k}": flat[:, k] for k in range(flat.shape[1])}
+            for k in range(flat.shape[1]):
+                columns[_unused(f"{name}_{k}", columns)] = flat[:, k]
     table = _table(columns)
     table = table.astype(table.dtype.newbyteorder("<"))
     properties = [f"property {PLY_TYPES[table.dtype[name].str[1:]]} {name}" for name in columns]
