@@ -19,6 +19,7 @@ from PIL import Image
 from ellipseg_ros.colours import NO_SEGMENT, id_colours, shape_colours
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import ISOLATED, Array, Segmentation
+from ellipseg_ros.files import replacing
 
 WIDTH, DPI = 1600, 100  # px, 1/inch
 HEADER, FOOTER, MARGIN = 84, 120, 24  # px
@@ -295,7 +296,9 @@ class _Picture:
         self.figure.savefig(drawn, format="png", pil_kwargs={"compress_level": 1})
         with Image.open(drawn) as image:
             full = image.convert("RGB")
-        full.quantize(palette=full.quantize(256)).save(path, "PNG", optimize=True)  # dithered
+        dithered = full.quantize(palette=full.quantize(256))
+        with replacing(path) as part:
+            dithered.save(part, "PNG", optimize=True)
 
     def _place(self, x: float, y: float, wide: float, tall: float) -> Box:
         return x / WIDTH, y / self.height, wide / WIDTH, tall / self.height

@@ -87,7 +87,9 @@ def test_what_raises_or_warns_is_a_fault(monkeypatch):
         return read_sweep(cloud)
 
     monkeypatch.setattr(conversion, "read_sweep", odd)
-    assert any("that was not expected" in fault for fault in conversion.convert(0, range(40)).faults)
+    assert any(
+        "that was not expected" in fault for fault in conversion.convert(0, range(40)).faults
+    )
 
 
 # --- what was found, and mended ---------------------------------------------------------------

@@ -11,6 +11,7 @@ from ellipseg_ros.benchmark.sections import SECTIONS, measure
 from ellipseg_ros.benchmark.streams import FULL, QUICK
 from ellipseg_ros.cli.report import progress, say
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.files import write_text
 from ellipseg_ros.io.sources import open_source
 
 NAMES = ("benchmarks.md", "benchmarks.json", "benchmarks.png")
@@ -52,8 +53,8 @@ def _write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
     """Write page, numbers and picture, over those of an earlier run."""
     folder.mkdir(parents=True, exist_ok=True)
     text, numbers, picture = (folder / name for name in NAMES)
-    text.write_text(page(results), encoding="utf-8")
-    numbers.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    write_text(text, page(results))
+    write_text(numbers, json.dumps(results, indent=2) + "\n")
     draw(results, picture)
     for path in (text, numbers, picture):
         say(f"wrote {path}", args)

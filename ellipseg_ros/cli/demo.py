@@ -24,6 +24,7 @@ from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.data import SECOND, Sweep
+from ellipseg_ros.files import write_text
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
@@ -91,7 +92,7 @@ def _replay(source: Source, settings: Settings, folder: Path, args: Namespace) -
     namespace = ["--ros-args", "-r", f"__ns:={name}", "-r", f"/diagnostics:={name}/diagnostics"]
     ours = [*namespace, "--log-level", "warn"]
     parameters = folder / PARAMETERS
-    parameters.write_text(as_yaml(settings.config, settings.node), encoding="utf-8")
+    write_text(parameters, as_yaml(settings.config, settings.node))
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / BAG, settings.node))
         recorder = stack.enter_context(Recorder(bag, ours))

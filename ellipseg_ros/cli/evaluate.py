@@ -15,6 +15,7 @@ from ellipseg_ros.comparison.reading import read_scan
 from ellipseg_ros.comparison.scan import SEARCH, Scan
 from ellipseg_ros.comparison.study import Plan, chosen, study
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.files import write_text
 from ellipseg_ros.io.sources import SIMULATED
 from ellipseg_ros.measuring.packages import load
 
@@ -73,8 +74,8 @@ def write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
         row["picture"] = f"quality_{source.name}.png"
         draw_scene(source, folder / row["picture"])
     text, numbers, picture = (folder / name for name in NAMES)
-    text.write_text(page(results), encoding="utf-8")
-    numbers.write_text(row_by_row(results), encoding="utf-8")
+    write_text(text, page(results))
+    write_text(numbers, row_by_row(results))
     draw(results, picture)
     for path in (text, numbers, picture):
         say(f"wrote {path}", args)

@@ -8,6 +8,7 @@ from ellipseg_ros.cli.report import say, show_page, steps
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.comparison.scan import SEARCH
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.files import write_text
 from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.measuring.packages import load
 from ellipseg_ros.simulator import SCENES
@@ -68,13 +69,13 @@ def earlier(path: Path) -> list[Results]:
 def _keep(results: Results, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     lines = json.dumps(results).replace('{"scene": ', '\n{"scene": ')  # a line for each run
-    (folder / NAMES[1]).write_text(f"{lines}\n", encoding="utf-8")
+    write_text(folder / NAMES[1], f"{lines}\n")
 
 
 def _write(results: Results, folder: Path, args: Namespace) -> None:
     """Write page, numbers and picture, over those of an earlier run."""
     _keep(results, folder)
-    (folder / NAMES[0]).write_text(page(results), encoding="utf-8")
+    write_text(folder / NAMES[0], page(results))
     draw(results, folder / NAMES[2])
     for name in NAMES:
         say(f"wrote {folder / name}", args)

@@ -14,6 +14,7 @@ from ellipseg_ros.comparison.scale_page import blocks, page
 from ellipseg_ros.comparison.scale_picture import draw
 from ellipseg_ros.config import Config, flatten
 from ellipseg_ros.errors import ConfigError, EllipsegError
+from ellipseg_ros.files import write_text
 from ellipseg_ros.io.sources import SIMULATED
 
 NAMES = ("scale.md", "scale.json", "scale.png")
@@ -61,9 +62,9 @@ def write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
     """Write page, numbers and picture, over those of an earlier run."""
     folder.mkdir(parents=True, exist_ok=True)
     text, numbers, picture = (folder / name for name in NAMES)
-    text.write_text(page(results), encoding="utf-8")
+    write_text(text, page(results))
     lines = json.dumps(results).replace('{"scale": ', '\n{"scale": ').lstrip()
-    numbers.write_text(f"{lines}\n", encoding="utf-8")
+    write_text(numbers, f"{lines}\n")
     draw(results, picture)
     for path in (text, numbers, picture):
         say(f"wrote {path}", args)

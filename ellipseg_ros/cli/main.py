@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
@@ -39,20 +40,27 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
         return code
     except EllipsegError as error:
-        print(f"ellipseg: {error}", file=sys.stderr)
+        _complain(str(error))
     except ModuleNotFoundError as error:
         if args is None or not error.name or error.name.startswith("ellipseg_ros"):
             raise
         package = error.name.partition(".")[0]
-        print(f"ellipseg: {args.command} needs the package {package}; install it", file=sys.stderr)
+        _complain(f"{args.command} needs the package {package}; install it")
     except BrokenPipeError:  # `ellipseg ... | head`: nobody is left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        print(f"ellipseg: {_one_line(error)}", file=sys.stderr)
+        _complain(_one_line(error))
     except KeyboardInterrupt:
         sys.stderr.write(LAST_WORDS)
         return INTERRUPTED
     return FAILED
+
+
+def _complain(text: str) -> None:
+    """Say what is wrong, where that is possible: stderr may be on the disk that is full."""
+    with suppress(OSError):
+        sys.stderr.write(f"ellipseg: {text}\n")
+        sys.stderr.flush()
 
 
 def _interrupt() -> NoReturn:

@@ -12,6 +12,7 @@ from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.cli.tune_results import WINDOWS, Finished
 from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.data import Segmentation
+from ellipseg_ros.files import write_text
 from ellipseg_ros.io.sources import SIMULATED, Source
 from ellipseg_ros.paper.facts import (
     Facts,
@@ -56,7 +57,7 @@ def run(args: Namespace) -> int:
             bar.update()
     facts = study.facts()
     write(facts, folder / NUMBERS)
-    (folder / PAGE).write_text(page(facts), encoding="utf-8")
+    write_text(folder / PAGE, page(facts))
     say(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
     _show(facts, args)
     return 0

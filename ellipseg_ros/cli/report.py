@@ -17,6 +17,7 @@ from tqdm import tqdm  # the usual one: small, and it knows terminals
 
 from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.data import SECOND, Segmentation, Sweep
+from ellipseg_ros.files import write_text
 
 Summary = dict[str, Any]  # nested, JSON-ready; names carry the unit
 Progress: TypeAlias = "tqdm[Any]"
@@ -131,7 +132,7 @@ def show(summary: Summary, args: Namespace) -> None:
 
 def write(summary: Summary, path: Path) -> None:
     """Write the summary as JSON."""
-    path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(summary, indent=2) + "\n")
 
 
 def say(text: str, args: Namespace) -> None:

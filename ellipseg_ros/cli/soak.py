@@ -7,6 +7,7 @@ from typing import Any
 
 from ellipseg_ros.cli.report import say, show_page, steps
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.files import write_text
 from ellipseg_ros.reliability.page import blocks, page
 from ellipseg_ros.reliability.promises import Trial
 from ellipseg_ros.reliability.subjects import SUBJECTS, soak
@@ -46,5 +47,5 @@ def _earlier(path: Path) -> dict[str, Any]:
 
 def _write(results: dict[str, Any], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / NAMES[0]).write_text(page(results), encoding="utf-8")
-    (folder / NAMES[1]).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    write_text(folder / NAMES[0], page(results))
+    write_text(folder / NAMES[1], json.dumps(results, indent=1) + "\n")

@@ -14,6 +14,7 @@ import yaml
 from ellipseg_ros.cli.report import Summary, say, write
 from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.config import CRITERIA, flatten
+from ellipseg_ros.files import replacing, write_text
 from ellipseg_ros.tuning.choice import Choice, choose
 from ellipseg_ros.tuning.curve import COLUMNS, curve_from
 from ellipseg_ros.tuning.tasks import Curves, as_json, in_force
@@ -45,9 +46,7 @@ class Finished:
 
     def put(self, key: str, curves: Curves) -> None:
         """Keep the curves of a window."""
-        part = self._folder / f".{key}.part"
-        part.write_text(json.dumps(as_json(curves)), encoding="utf-8")
-        part.replace(self._folder / f"{key}.json")
+        write_text(self._folder / f"{key}.json", json.dumps(as_json(curves)))
 
 
 @dataclass(frozen=True)
@@ -118,10 +117,10 @@ class Tuning:
 def finish(folder: Path, tuning: Tuning, args: Namespace) -> None:
     """Write everything but the finished windows, which are there already."""
     write(tuning.summary(), folder / SUMMARY)
-    with (folder / TABLE).open("w", newline="", encoding="utf-8") as file:
+    with replacing(folder / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(_table(tuning))
     for name, choice in tuning.choices().items():
-        (folder / PARAMETERS[name]).write_text(parameters(tuning, choice), encoding="utf-8")
+        write_text(folder / PARAMETERS[name], parameters(tuning, choice))
     if not args.no_pictures:
         from ellipseg_ros import charts  # matplotlib takes long to load, hence only if wanted
 

@@ -12,7 +12,9 @@ from ellipseg_ros.data import Array
 from ellipseg_ros.errors import InputError
 
 IDENTITY = np.eye(4)
-MOST_PAIRS = 2_000_000  # that are looked at: thousands of landmarks that are all alike tell nothing
+MOST_PAIRS = (
+    2_000_000  # that are looked at: thousands of landmarks that are all alike tell nothing
+)
 
 
 class Bounds(NamedTuple):
@@ -50,7 +52,8 @@ def candidates(earlier: Things, later: Things, centre: Array, bounds: Bounds) ->
     for_rows(_gate, len(later.kind), earlier, later, centre, bounds, possible)
     if np.count_nonzero(possible) > MOST_PAIRS:
         raise InputError(
-            f"more than {MOST_PAIRS} pairs of landmarks may be the same; narrower bounds help", "many"
+            f"more than {MOST_PAIRS} pairs of landmarks may be the same; narrower bounds help",
+            "many",
         )
     j, i = np.nonzero(possible)
     np.cumsum(np.bincount(j, minlength=len(later.kind)), out=counts[1:])

@@ -85,9 +85,9 @@ class BagWriter:
     def __init__(self, path: Path) -> None:
         with _as_os_error():
             self._writer = _Bag(path, version=RECORDING, storage_plugin=StoragePlugin.MCAP)
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            self._writer.open()
+        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         try:
+            self._writer.open()
             self._storage = cast(_Storage, self._writer.storage)
             self._messages = self._told = 0  # written; in metadata.yaml
             self._secure_all()

@@ -16,6 +16,7 @@ import numpy as np
 
 from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.files import replacing
 from ellipseg_ros.io.claims import check_arrays, check_las, check_pcd, check_ply
 from ellipseg_ros.io.limits import LAST_STAMP
 from ellipseg_ros.io.pointcloud2 import (
@@ -250,7 +251,7 @@ def write_npz(path: Path, found: Segmentation) -> None:
         for name in ("count", "mean", "low", "high"):
             arrays[f"object_{name}"] = getattr(found.objects, name)
         arrays["object_id"] = found.objects.ids
-    with _replacing(path) as part, part.open("wb") as file:
+    with replacing(path) as part, part.open("wb") as file:
         # Not savez: it would take fields that are named as its parameters are for those.
         with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, array in arrays.items():
@@ -283,7 +284,7 @@ def write_ply(path: Path, found: Segmentation) -> None:
     properties = [f"property {PLY_TYPES[table.dtype[name].str[1:]]} {name}" for name in columns]
     header = ["ply", "format binary_little_endian 1.0", f"comment frame {found.frame_id}"]
     header += [f"element vertex {len(table)}", *properties, "end_header", ""]
-    with _replacing(path) as part:
+    with replacing(path) as part:
         part.write_bytes("\n".join(header).encode() + table.tobytes())
 
 
@@ -300,16 +301,3 @@ def _with_times(found: Segmentation) -> Array:
     if "t" in (fields.dtype.names or ()) and np.array_equal(fields["t"], seconds):
         return fields
     return append_fields(fields, {"t": seconds}, ("t",))
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A path to write to, which takes the place of `path` if all goes well and else vanishes."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        yield part
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} can't be written: {error.strerror or error}", "write") from error
-    finally:
-        part.unlink(missing_ok=True)

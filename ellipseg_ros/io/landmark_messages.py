@@ -18,7 +18,9 @@ def read_landmarks(message: Any) -> Landmarks:
     twice, numbers that are not finite, an orientation of length 0, too many landmarks.
     """
     if len(message.landmarks) > MOST:
-        raise InputError(f"there are {len(message.landmarks)} landmarks; {MOST} is the most", "many")
+        raise InputError(
+            f"there are {len(message.landmarks)} landmarks; {MOST} is the most", "many"
+        )
     rows = sorted(message.landmarks, key=lambda landmark: landmark.id)
     orientation = _table([_xyzw(row.orientation) for row in rows], 4)
     with np.errstate(over="ignore"):

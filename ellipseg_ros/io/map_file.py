@@ -5,7 +5,6 @@ the arrays of Landmarks by their names, as data.py describes them. Numbers of a 
 and rad, in the frame `frame_id`.
 """
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from ellipseg_ros.data import Array, Landmarks
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.files import replacing
 from ellipseg_ros.io.claims import check_arrays
 from ellipseg_ros.landmark_map import ROW_SHAPES, Stored
 
@@ -35,14 +35,8 @@ def write_map(path: Path, stored: Stored) -> None:
         "last_seen_ns": stored.last_seen_ns,
         **{name: getattr(stored.landmarks, name) for name in ROW_SHAPES},
     }
-    draft = path.with_name(f".{path.name}.part")
-    try:
-        with draft.open("wb") as file:
-            np.savez_compressed(file, **values)
-        os.replace(draft, path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise InputError(f"{path} cannot be written: {error.strerror or error}", "map") from error
+    with replacing(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, **values)
 
 
 def read_map(path: Path) -> Stored:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from ellipseg_ros.files import replacing
 from ellipseg_ros.plots import BACKGROUND, FAINT, INK
 
 
@@ -26,8 +27,12 @@ def sheet(wide: float, tall: float) -> Figure:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure as its suffix says; the same figure gives the same bytes."""
     no_date = {"Date": None} if path.suffix == ".svg" else None
-    with matplotlib.rc_context({"svg.hashsalt": "ellipseg", "svg.fonttype": "none"}):
-        figure.savefig(path, dpi=100, facecolor=BACKGROUND, metadata=no_date)
+    with (
+        matplotlib.rc_context({"svg.hashsalt": "ellipseg", "svg.fonttype": "none"}),
+        replacing(path) as part,
+    ):
+        kind = path.suffix[1:]
+        figure.savefig(part, format=kind, dpi=100, facecolor=BACKGROUND, metadata=no_date)
 
 
 def style(axes: Axes) -> None:

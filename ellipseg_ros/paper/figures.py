@@ -15,6 +15,7 @@ from ellipseg_ros.charts import BLUE, GREEN, ORANGE, PURPLE, UNITS, YELLOW, mark
 from ellipseg_ros.colours import shape_colours
 from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.data import Array
+from ellipseg_ros.files import replacing
 from ellipseg_ros.measuring.charts import legend, sheet, style, title
 from ellipseg_ros.paper.facts import KINDS, Scene
 from ellipseg_ros.plots import BACKGROUND, INK
@@ -117,7 +118,8 @@ def contact_sheet(pictures: Sequence[Sequence[Path]], path: Path) -> None:
         for column, image in enumerate(row):
             whole.paste(image, (column * CELL, top))
         top += height
-    whole.quantize(128, dither=Image.Dither.NONE).save(path, "PNG", optimize=True)
+    with replacing(path) as part:
+        whole.quantize(128, dither=Image.Dither.NONE).save(part, "PNG", optimize=True)
 
 
 def _small(path: Path) -> Image.Image:

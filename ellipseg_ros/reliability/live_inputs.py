@@ -56,9 +56,7 @@ def listen(seed: int, cases: int, large: int) -> Heard:
             sender.send(message)
         sender.wait_for_arrival(PATIENCE)
         after, seconds, told, before = _large(listener, node, sender, large)
-        return Heard(
-            tally, said, len(bad), after, seconds, told, before, node.peak_memory_mb()
-        )
+        return Heard(tally, said, len(bad), after, seconds, told, before, node.peak_memory_mb())
 
 
 def carried(cloud: Cloud) -> Cloud:

@@ -156,7 +156,9 @@ def odd_segments(seed: int, case: int) -> Any:
     """A SegmentArray: ids, counts and sequence numbers of all sorts, full ones and changes."""
     rng = np.random.default_rng([seed, case])
     ids = rng.integers(0, 9, rng.integers(0, 9))
-    counts = rng.integers(0, 3, len(ids)).tolist() if rng.random() < 0.8 else [2**32 - 1] * len(ids)
+    counts = (
+        rng.integers(0, 3, len(ids)).tolist() if rng.random() < 0.8 else [2**32 - 1] * len(ids)
+    )
     rows = [
         SimpleNamespace(id=int(i), count=n, state=int(rng.integers(0, 256)), parents=[1, 2])
         for i, n in zip(ids, counts, strict=True)

@@ -39,7 +39,8 @@ class Health:
     WARN: kernels are being loaded; no cloud for 5 s (or none yet); clouds rejected or lost;
         updates taken together or given up; three updates in a row later than `update_period`;
         points expired early for `max_points`; stamps that stand still, or jump
-        forward by more than the window; the frame looks like a sensor's.
+        forward by more than the window; the frame looks like a sensor's; another node
+        publishes the same topics.
     OK: else.
     The table under /diagnostics in README.md says what to do about each.
     """
@@ -63,6 +64,7 @@ class Health:
         self._last_restart = ""
         self._last_change = ""  # of the threshold
         self._last_tuning = ""
+        self.rivals = 0  # other nodes that publish the same topics
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
 
     def ready(self) -> None:
@@ -180,6 +182,8 @@ class Health:
             warnings.append("the stamps jumped forward by more than the window")
         if self.sensor_frame:
             warnings.append(f"frame {self.sensor_frame} looks like a sensor's")
+        if self.rivals:
+            warnings.append(f"{self.rivals} other nodes publish `segments` in this namespace")
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
 
     def _about_input(self, silence: float) -> list[str]:

@@ -30,6 +30,7 @@ class Outputs:
     def __init__(
         self, node: Node, new_viewer: Callable[[], object], new_listener: Callable[[], object]
     ) -> None:
+        self._node = node
         self._points = node.create_publisher(PointCloud2, "segmented_points", DEPTH)
         self._ellipsoids = node.create_publisher(
             MarkerArray,
@@ -56,6 +57,22 @@ class Outputs:
         if landmarks is not None:
             send(self._landmarks, lambda: write_landmarks(found, landmarks))
         send(self._segments, lambda: self._stream.update(found))
+
+    def greet(self) -> None:
+        """Somebody new looks: show all, and before the first update take away what a node left
+        that was killed.
+        """
+        if self._latest is None:
+            self.clear()
+        else:
+            self.show_all()
+
+    def rivals(self) -> int:
+        """How many other publishers of `segments` there are, in this namespace.
+
+        One that was killed counts until DDS misses it, 20 s later.
+        """
+        return max(0, self._node.count_publishers(self._segments.topic_name) - 1)
 
     def show_all(self) -> None:
         """Send every marker again."""

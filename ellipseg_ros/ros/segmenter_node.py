@@ -149,7 +149,16 @@ class SegmenterNode:
             self._reason = self._tuning.reason
         self._grouping.configure(self._config)
 
+    def _look_for_rivals(self) -> None:
+        before, self._health.rivals = self._health.rivals, self._outputs.rivals()
+        if self._health.rivals > before:
+            self._log.warning(
+                f"{self._health.rivals} other nodes publish `segments` in this namespace: what is "
+                "told gets mixed up; give each a namespace (one that was killed counts for 20 s)"
+            )
+
     def _report(self) -> None:
+        self._look_for_rivals()
         now_ns = self.node.get_clock().now().nanoseconds
         report = self._health.report(self._backlog.waiting(), now_ns)
         self._diagnostics.publish(diagnostic_message(self.node, "segmentation", report))

@@ -69,7 +69,9 @@ class Worker(Thread):
             self._around.outputs.clear()
         elif isinstance(task, ListAll):
             self._around.outputs.list_all()
-        elif isinstance(task, ShowAll) or not self._around.backlog.closed:
+        elif isinstance(task, ShowAll):
+            self._around.outputs.greet()
+        elif not self._around.backlog.closed:
             self._around.outputs.show_all()
 
     def _update(self, task: Update) -> None:
