@@ -183,7 +183,7 @@ class Health:
         if self.sensor_frame:
             warnings.append(f"frame {self.sensor_frame} looks like a sensor's")
         if self.rivals:
-            warnings.append(f"{self.rivals} other nodes publish `segments` in this namespace")
+            warnings.append(f"{self.rivals} other nodes publish segments in this namespace")
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
 
     def _about_input(self, silence: float) -> list[str]:
