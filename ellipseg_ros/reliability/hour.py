@@ -43,7 +43,7 @@ class Length:
     rate: float  # points/s of the drive without ROS, which is for the size of the state alone
 
 
-FULL = Length(60.0, 60, 10, Config().window_duration, 1000.0)
+FULL = Length(60.0, 60, 10, Config().window_duration, 500.0)
 QUICK = Length(6.0, 15, 5, 3.0, 1000.0)
 
 
