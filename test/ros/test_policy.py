@@ -15,7 +15,10 @@ POLICY = Path(__file__).parents[2] / "config" / "sros2" / "ellipseg.policy.xml"
 NODES = {
     "segmenter": ("segmenter_node", ["-p", "use_sim_time:=true"]),
     "associator": ("associator_node", ["-p", "use_sim_time:=true"]),
-    "replayer": ("replayer", ["-p", "source:=sim:industrial", "-p", "ahead:=1.0"]),
+    "replayer": (
+        "replayer",
+        ["-p", "source:=sim:industrial", "-p", "ahead:=1.0", "-p", "start_paused:=true"],
+    ),
 }
 
 
