@@ -154,7 +154,8 @@ class SegmenterNode:
         if self._health.rivals > before:
             self._log.warning(
                 f"{self._health.rivals} other nodes publish `segments` in this namespace: what is "
-                "told gets mixed up; give each a namespace (one that was killed counts for 20 s)"
+                "told gets mixed up; give each a namespace (one that was killed counts for 20 s)",
+                throttle_duration_sec=5.0,
             )
 
     def _report(self) -> None:
