@@ -1,6 +1,7 @@
 """The associator over DDS: recognizes a world that comes again, keeps it, saves and loads it."""
 
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -191,6 +192,23 @@ def test_parameters_change_live_but_for_the_file(node):
     assert not refused.successful and "out of range" in refused.reason
     assert not node.me.set(NODE, map_file="/elsewhere")[0].successful
     assert node.me.set(NODE, max_translation=3.0)[0].successful
+
+
+def test_a_flood_of_calls_for_the_file_is_refused_in_the_end(domain, tmp_path):
+    earlier = scene(3).earlier
+    many = take(earlier, np.arange(20_000) % len(earlier))
+    ids = np.arange(1, len(many) + 1, dtype=np.uint32)
+    seen = np.full(len(ids), 5 * SECOND)
+    path = tmp_path / "map.npz"
+    write_map(path, Stored(replace(many, ids=ids), seen, "odom", len(ids) + 1))
+    arguments = ["-p", f"map_file:={path}", "-r", "__ns:=/flooded"]
+    with running("associator_node", arguments, tmp_path / "log"), peer(domain) as me:
+        answers = [me.call(Trigger, f"/flooded{NODE}/save") for _ in range(60)]
+        refused = [answer.message for answer in answers if not answer.success]
+        assert answers[0].success and len(refused) > 20
+        assert all("maps were written and read all the time; call in" in one for one in refused)
+        assert me.call(Trigger, f"/flooded{NODE}/clear").success  # it costs nothing
+        assert len(read_map(path)) == len(many)
 
 
 def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
