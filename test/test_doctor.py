@@ -308,13 +308,30 @@ def test_a_time_to_listen_that_makes_no_sense_is_refused(
     assert "--seconds" in capsys.readouterr().err
 
 
-def test_without_ros_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(name: str) -> None:
-        raise ModuleNotFoundError("No module named 'rclpy'", name="rclpy")
+@pytest.mark.parametrize(
+    ("program", "problem"),
+    [
+        ("import rclpi", "ROS does not load: ModuleNotFoundError: No module named 'rclpi'"),
+        ("import os; os._exit(102)", "ROS does not load: the process ended with 102"),
+        ("import time; time.sleep(600)", "ROS does not load within 5 s"),
+    ],
+)
+def test_a_ros_that_does_not_load_is_told(
+    program: str, problem: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "LOAD", program)
+    monkeypatch.setattr(doctor, "PATIENCE", 5.0 if "sleep" in program else 60.0)
+    assert doctor._load() == ("", problem)
 
-    monkeypatch.setattr(doctor, "import_module", missing)
-    middleware, problem = doctor._load()
-    assert not middleware and problem == "ROS does not load: No module named 'rclpy'"
+
+def test_a_middleware_that_is_not_there_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_no_such")
+    assert main(["doctor", "--json"]) == 1
+    rows = json.loads(capsys.readouterr().out)
+    assert any("RMW_IMPLEMENTATION rmw_no_such" in row["what"] for row in rows)
+    assert not any(row["section"] == "graph" for row in rows)
 
 
 def test_this_installation_works(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,16 +2,18 @@
 
 import json
 import os
+import subprocess
 import sys
 from argparse import Namespace
 from dataclasses import asdict
-from importlib import import_module
 
 from ellipseg_ros.cli.report import say
 from ellipseg_ros.doctor import environment, graph, installation
 from ellipseg_ros.doctor.findings import ERROR, Finding, failed
 from ellipseg_ros.errors import EllipsegError
 
+LOAD = "import sys; from ellipseg_ros.ros.loading import main; sys.exit(main())"
+PATIENCE = 60.0  # s
 Findings = dict[str, list[Finding]]  # by section
 
 
@@ -36,13 +38,16 @@ def run(args: Namespace) -> int:
 def _load() -> tuple[str, str]:
     """The middleware, and what is wrong with ROS or our messages."""
     try:
-        loading = import_module("ellipseg_ros.ros.loading")
-    except ImportError as error:
-        return "", f"ROS does not load: {error}"
-    try:
-        return loading.middleware(), loading.problem()
-    except Exception as error:  # RuntimeError of rmw
-        return "", f"no middleware loads: {' '.join(str(error).split())}"
+        done = subprocess.run(
+            [sys.executable, "-c", LOAD], capture_output=True, text=True, timeout=PATIENCE
+        )
+    except subprocess.TimeoutExpired:
+        return "", f"ROS does not load within {PATIENCE:g} s"
+    if done.returncode == 0:
+        told = json.loads(done.stdout.splitlines()[-1])
+        return told["middleware"], told["problem"]
+    last = done.stderr.strip().splitlines()[-1:] or [f"the process ended with {done.returncode}"]
+    return "", f"ROS does not load: {' '.join(last[0].split())}"
 
 
 def _graph(args: Namespace, surroundings: environment.Environment) -> list[Finding]:

@@ -1,5 +1,10 @@
-"""Whether ROS, the packages of messages and our own messages load, type support and all."""
+"""A process that tells whether ROS, all messages and their type support load: it may not survive.
 
+With an RMW_IMPLEMENTATION that is not there, rcl ends the process that loads it, with code 102.
+"""
+
+import json
+import sys
 from importlib import import_module
 
 import rclpy
@@ -18,11 +23,6 @@ PACKAGES = (
 OURS = ("Association", "LandmarkArray", "SegmentArray", "TuningCurve")  # the others are in them
 
 
-def middleware() -> str:
-    """The implementation that ROS has loaded; RuntimeError if it can't."""
-    return str(rclpy.get_rmw_implementation_identifier())
-
-
 def problem() -> str:
     """What is wrong with the messages, in one line; empty if nothing is."""
     try:
@@ -35,3 +35,10 @@ def problem() -> str:
     except Exception as error:  # ImportError, UnsupportedTypeSupport, AttributeError, OSError
         return f"messages do not load: {type(error).__name__}: {' '.join(str(error).split())}"
     return ""
+
+
+def main() -> int:
+    """Tell in a line of JSON: the middleware that ROS has loaded, and what is wrong."""
+    told = {"middleware": rclpy.get_rmw_implementation_identifier(), "problem": problem()}
+    sys.stdout.write(json.dumps(told) + "\n")
+    return 0
