@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.running import running
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.ros.playback import ReplayOptions
@@ -23,6 +24,7 @@ FLOODS = {
 }
 START = 180.0  # s: imports, and the first compilation of all kernels
 PATIENCE = 30.0  # s
+REPORTS = 20  # /diagnostics, one a second, until the last update must have come
 TIMES = 3.0  # the latency without a flood, at most
 LEAST = 1.0  # s of latency that are fine in any case: `update_period`
 
@@ -58,7 +60,7 @@ def drive(services: list[str], seconds: float, seed: int) -> Case:
             listener.wait_for_topics(START)
             with flood(services, ros_args) as answers:
                 replayer.run()
-                said = listener.next_report(PATIENCE)
+                said = last_word(listener)
         return Case(
             updates=int(said["updates"]) + int(said["updates joined"]),
             expected=int(seconds) - 1,
@@ -66,6 +68,16 @@ def drive(services: list[str], seconds: float, seed: int) -> Case:
             latency=float(said["latency median [s]"]),
             answers=answers,
         )
+
+
+def last_word(listener: Listening) -> dict[str, str]:
+    """The first /diagnostics after which no update is waited for, or the last before giving up."""
+    said = listener.next_report(PATIENCE)
+    for _ in range(REPORTS):
+        before, said = said, listener.next_report(PATIENCE)
+        if said["updates waiting"] == "0" and said["updates"] == before["updates"]:
+            break
+    return said
 
 
 @contextmanager
