@@ -29,12 +29,12 @@ ONLY_IN = {
         "twopasses/picture.py",
     ],
     "rclpy": ["ros/"],
-    "rosbags": ["io/bag.py", "io/bag_writer.py"],
+    "rosbags": ["io/bag.py", "io/bag_writer.py", "io/samples.py"],
     "small_gicp": ["core/neighbours.py", "cli/"],
     "tqdm": ["cli/"],
     "yaml": ["cli/"],
-    "laspy": ["io/cloud.py"],
-    "pypcd4": ["io/cloud.py"],
+    "laspy": ["io/cloud.py", "io/samples.py"],
+    "pypcd4": ["io/cloud.py", "io/samples.py"],
     "trimesh": ["io/cloud.py"],
 }
 # The core computes: no clock, no files, no log.

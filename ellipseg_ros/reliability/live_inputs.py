@@ -14,7 +14,7 @@ from ellipseg_ros.ros.sender import Sender
 
 CONFIG = Config(window_duration=2.0, update_period=0.3)
 START = 180.0  # s: imports, and the first compilation of all kernels
-PATIENCE = 120.0  # s for what was sent
+PATIENCE = 300.0  # s for what was sent: 2 million points take a minute on two cores that are busy
 
 
 @dataclass(frozen=True)

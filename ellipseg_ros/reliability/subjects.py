@@ -6,13 +6,17 @@ from dataclasses import asdict
 from typing import Any
 
 from ellipseg_ros.measuring.machine import describe
+from ellipseg_ros.reliability.files import files
 from ellipseg_ros.reliability.hour import hour
+from ellipseg_ros.reliability.inputs import inputs
 from ellipseg_ros.reliability.overload import overload
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.strangers import strangers
 
 SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "hour": ("An hour of driving", hour),
+    "inputs": ("Odd input", inputs),
+    "files": ("Spoiled files", files),
     "overload": ("More points than the machine can do", overload),
     "strangers": ("Calls of strangers", strangers),
 }

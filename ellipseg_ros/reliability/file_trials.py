@@ -1,0 +1,194 @@
+"""Spoiled files given to the command line, in a process that may die, hang, or ask for too much."""
+
+import json
+import multiprocessing
+import resource
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from ellipseg_ros.cli.main import main
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.io.map_file import read_map
+from ellipseg_ros.io.samples import write_samples
+from ellipseg_ros.measuring.memory import forget_peak, held_mb, peak_mb
+from ellipseg_ros.reliability.damage import damage
+from ellipseg_ros.segmenter import warm_up
+
+LIMIT = 30.0  # s that a file of some kilobytes may take
+START = 300.0  # s: imports, compilation
+PATIENCE = 5.0  # s that the process gets to end
+MEMORY_MB = 500.0  # that such a file may need beyond what the process has
+ADDRESSES = 2**31  # bytes beyond what it has that the process may ask for
+WHOLE = "none"  # the damage of a file that has none
+LONGEST = 600  # characters of the one line, paths included
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a spoiled file led to."""
+
+    kind: str
+    damage: str
+    code: int  # exit code; -1 if there was none
+    line: str  # what was said
+    seconds: float
+    memory_mb: float  # more than before
+    fault: str  # in words; empty if all is as it must be
+
+
+def try_files(seed: int, cases: int) -> Iterator[Outcome]:
+    """Spoil a file of every kind so many times, and yield what the command line makes of each.
+
+    At first one of every kind as it is, so that it is known to be good.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        samples = write_samples(folder / "good")
+        kinds = list(samples)
+        with _Worker() as worker:
+            for kind in kinds:
+                _copy(samples[kind].parent, folder / "whole")
+                yield worker.run(_task(kind, folder / "whole", samples), kind, WHOLE)
+            for number in range(cases * len(kinds)):
+                kind, other = kinds[number % len(kinds)], kinds[(number * 7 + 1) % len(kinds)]
+                place = folder / "spoiled"
+                _copy(samples[kind].parent, place)
+                how = damage(place / samples[kind].name, samples[other], seed, number)
+                yield worker.run(_task(kind, place, samples), kind, how)
+
+
+def _task(kind: str, place: Path, samples: dict[str, Path]) -> dict[str, str]:
+    path = place / samples[kind].name
+    return {"kind": kind, "path": str(path), "good": str(samples["npz"])}
+
+
+def _copy(good: Path, place: Path) -> None:
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(good, place)
+
+
+class _Worker:
+    """A process that runs one task after the other; another takes its place if it must be ended."""
+
+    def __enter__(self) -> "_Worker":
+        self._start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=work, args=[theirs], daemon=True)
+        self._process.start()
+        theirs.close()
+        if not self._pipe.poll(START) or self._pipe.recv() != "ready":
+            raise EllipsegError("the process that reads spoiled files has not begun")
+
+    def _end(self) -> None:
+        self._pipe.close()  # then it ends by itself, unless it hangs
+        self._process.join(PATIENCE)
+        self._process.kill()
+        self._process.join()
+
+    def run(self, task: dict[str, str], kind: str, how: str) -> Outcome:
+        """What comes of a task: also that it never ends, or ends the process."""
+        started = time.monotonic()
+        self._pipe.send(task)
+        fault = f"no answer within {LIMIT:g} s"
+        try:
+            if self._pipe.poll(LIMIT):
+                return Outcome(kind, how, **self._pipe.recv())
+        except EOFError:
+            self._process.join()
+            fault = f"the process ended with {self._process.exitcode}"
+        self._end()
+        self._start()
+        return Outcome(kind, how, -1, "", time.monotonic() - started, 0.0, fault)
+
+
+def work(pipe: Connection) -> None:
+    """In the worker: run tasks until the pipe is closed."""
+    warm_up()
+    status = Path("/proc/self/statm").read_text(encoding="ascii")
+    most = int(status.split()[0]) * resource.getpagesize() + ADDRESSES
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    pipe.send("ready")
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_answer(task))
+
+
+def _answer(task: dict[str, str]) -> dict[str, Any]:
+    forget_peak()
+    before, started = held_mb(), time.monotonic()
+    out = Path(task["path"]).parent / "out"
+    said = StringIO()
+    with redirect_stderr(said), redirect_stdout(said):
+        try:
+            code, fault = _read(task, out), ""
+        except BaseException:  # SystemExit and a panic of Rust are none of Exception
+            code, fault = -1, traceback.format_exc()
+    memory = peak_mb() - before
+    line = said.getvalue().strip()
+    return {
+        "code": code,
+        "line": line,
+        "seconds": time.monotonic() - started,
+        "memory_mb": memory,
+        "fault": fault or _fault(code, line, memory, out),
+    }
+
+
+def _read(task: dict[str, str], out: Path) -> int:
+    """What a user would do with the file; the exit code."""
+    if task["kind"] == "map":  # which no command reads, but the associator at its start
+        try:
+            read_map(Path(task["path"]))
+        except EllipsegError as error:
+            sys.stderr.write(f"ellipseg: {error}\n")
+            return 2
+        return 0
+    options = ["-o", str(out), "--no-pictures", "--quiet"]
+    if task["kind"] == "parameters":
+        return main(["segment", task["good"], "--params", task["path"], *options])
+    return main(["segment", task["path"], *options])
+
+
+def _fault(code: int, line: str, memory_mb: float, out: Path) -> str:
+    """What is not as promised; empty if all is."""
+    there = sorted(path.name for path in out.rglob("*")) if out.exists() else []
+    if any(name.startswith(".") for name in there):
+        return f"left behind: {', '.join(there)}"
+    if memory_mb > MEMORY_MB:
+        return f"it took {memory_mb:.0f} MB"
+    if "allocate" in line or "MemoryError" in line:
+        return f"it asked for too much memory: {line}"
+    if code == 0:
+        return _incomplete(out) if out.exists() else ""
+    if code != 2:
+        return f"exit code {code}"
+    if len(line.splitlines()) != 1 or not line.startswith("ellipseg: ") or len(line) > LONGEST:
+        return f"not one clear line: {line}"
+    return f"left behind: {', '.join(there)}" if there else ""
+
+
+def _incomplete(out: Path) -> str:
+    """Whether the results of a run that ended well lack something."""
+    summary = json.loads((out / "summary.json").read_text("utf-8"))
+    missing = [name for name in summary["files"] if not Path(name).exists()]
+    return f"{', '.join(missing)} is not there" if missing else ""
