@@ -18,3 +18,10 @@ class InputError(EllipsegError):
     def __init__(self, message: str, reason: str = "bad_input") -> None:
         super().__init__(message)
         self.reason = reason
+
+
+def reason(error: Exception) -> str:
+    """What a library says of damaged data, in one line of at most 200 characters."""
+    if isinstance(error, MemoryError):
+        return "it claims more than the memory holds"
+    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -22,7 +22,7 @@ from rosbags.typesys.store import Typestore
 import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation, Sweep
-from ellipseg_ros.errors import InputError
+from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.io.bag_writer import BagWriter
 from ellipseg_ros.io.messages import Markers, write_landmarks
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
@@ -127,9 +127,8 @@ def _opened(path: Path) -> Iterator[Reader1 | Reader2]:
     except InputError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"{path} can't be read as a bag ({reason}); "
+            f"{path} can't be read as a bag ({reason(error)}); "
             "it must be a complete .bag, .mcap or .db3, or a folder of `ros2 bag record`",
             "bad_bag",
         ) from error

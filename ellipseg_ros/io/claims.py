@@ -18,7 +18,7 @@ HEADER = 2**16  # bytes: a text header is no longer
 MOST_VALUES = 4096  # numbers of a point: a column is made of each
 LZF_RATIO = 100  # that LZF compresses to at most: 264 bytes to 3
 UNPACKED = 2**33  # bytes that the arrays of a file may take
-VLR, EVLR = 54, 60  # bytes of the heads of LAS records
+VLR = 54  # bytes of the head of a LAS record
 LAS_1_4 = 375  # bytes of a header with 64-bit counts
 
 
@@ -59,12 +59,10 @@ def check_las(path: Path) -> None:
             raise _none("it has no LAS header")
         start, records = struct.unpack_from("<II", head, 96)
         kind, point, points = struct.unpack_from("<BHI", head, 104)
-        evlr = (0, 0)
-        if head[25] >= 4 and len(head) == LAS_1_4:
-            *evlr, points = struct.unpack_from("<QIQ", head, 235)
-        _compare(path, start + evlr[0], 1, "bytes before its records")
+        if head[25] >= 4 and len(head) == LAS_1_4:  # the version
+            (points,) = struct.unpack_from("<Q", head, 247)
+        _compare(path, start, 1, "bytes before the points")
         _compare(path, records, VLR, "records")
-        _compare(path, evlr[1], EVLR, "records")
         if kind & 0x80:  # compressed
             _compare(path, _laz_chunks(file, start), 1, "chunks")
         else:

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep
-from ellipseg_ros.errors import InputError
+from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.files import replacing
 from ellipseg_ros.io.claims import check_arrays, check_las, check_pcd, check_ply
 from ellipseg_ros.io.limits import LAST_STAMP
@@ -119,10 +119,9 @@ def _one_line(path: Path) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{path}: {error}", error.reason) from error
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
         kind = path.suffix.lstrip(".").upper()
         raise InputError(
-            f"{path} can't be read ({reason[:200]}); it must be a complete {kind} file",
+            f"{path} can't be read ({reason(error)}); it must be a complete {kind} file",
             "bad_cloud",
         ) from error
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.data import Array, Landmarks
-from ellipseg_ros.errors import InputError
+from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.files import replacing
 from ellipseg_ros.io.claims import check_arrays
 from ellipseg_ros.landmark_map import ROW_SHAPES, Stored
@@ -50,8 +50,7 @@ def read_map(path: Path) -> Stored:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}", "map") from error
     except Exception as error:  # of zipfile, zlib, struct, numpy and its parser: nearly anything
-        why = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"{path} is no map of landmarks: {why}", "map") from error
+        raise InputError(f"{path} is no map of landmarks: {reason(error)}", "map") from error
     return _checked(path, values)
 
 

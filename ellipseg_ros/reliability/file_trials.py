@@ -1,4 +1,4 @@
-"""Spoiled files given to the command line, in a process that may die, hang, or ask for too much."""
+"""Spoiled files given to the commands, in a process that may die, hang, or ask for too much."""
 
 import json
 import multiprocessing
@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -55,19 +55,20 @@ def try_files(seed: int, cases: int) -> Iterator[Outcome]:
         folder = Path(name)
         samples = write_samples(folder / "good")
         kinds = list(samples)
-        with _Worker() as worker:
+        with Worker() as worker:
             for kind in kinds:
                 _copy(samples[kind].parent, folder / "whole")
-                yield worker.run(_task(kind, folder / "whole", samples), kind, WHOLE)
+                yield worker.run(task_of(kind, folder / "whole", samples), kind, WHOLE)
             for number in range(cases * len(kinds)):
                 kind, other = kinds[number % len(kinds)], kinds[(number * 7 + 1) % len(kinds)]
                 place = folder / "spoiled"
                 _copy(samples[kind].parent, place)
                 how = damage(place / samples[kind].name, samples[other], seed, number)
-                yield worker.run(_task(kind, place, samples), kind, how)
+                yield worker.run(task_of(kind, place, samples), kind, how)
 
 
-def _task(kind: str, place: Path, samples: dict[str, Path]) -> dict[str, str]:
+def task_of(kind: str, place: Path, samples: dict[str, Path]) -> dict[str, str]:
+    """What the worker gets: the file of this kind in a folder."""
     path = place / samples[kind].name
     return {"kind": kind, "path": str(path), "good": str(samples["npz"])}
 
@@ -77,10 +78,19 @@ def _copy(good: Path, place: Path) -> None:
     shutil.copytree(good, place)
 
 
-class _Worker:
-    """A process that runs one task after the other; another takes its place if it must be ended."""
+class Worker:
+    """A process that runs one task after the other; another takes its place if it must be ended.
 
-    def __enter__(self) -> "_Worker":
+    target: what it runs, see `work`. limit: s that a task may take.
+    """
+
+    def __init__(
+        self, target: Callable[[Connection], None] | None = None, limit: float = LIMIT
+    ) -> None:
+        self._target = target or work
+        self._limit = limit
+
+    def __enter__(self) -> "Worker":
         self._start()
         return self
 
@@ -90,7 +100,7 @@ class _Worker:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=work, args=[theirs], daemon=True)
+        self._process = context.Process(target=self._target, args=[theirs], daemon=True)
         self._process.start()
         theirs.close()
         if not self._pipe.poll(START) or self._pipe.recv() != "ready":
@@ -106,9 +116,9 @@ class _Worker:
         """What comes of a task: also that it never ends, or ends the process."""
         started = time.monotonic()
         self._pipe.send(task)
-        fault = f"no answer within {LIMIT:g} s"
+        fault = f"no answer within {self._limit:g} s"
         try:
-            if self._pipe.poll(LIMIT):
+            if self._pipe.poll(self._limit):
                 return Outcome(kind, how, **self._pipe.recv())
         except EOFError:
             self._process.join()
@@ -130,10 +140,11 @@ def work(pipe: Connection) -> None:
             task = pipe.recv()
         except EOFError:
             return
-        pipe.send(_answer(task))
+        pipe.send(answer(task))
 
 
-def _answer(task: dict[str, str]) -> dict[str, Any]:
+def answer(task: dict[str, str]) -> dict[str, Any]:
+    """Read a file as a user would; the rest of its Outcome."""
     forget_peak()
     before, started = held_mb(), time.monotonic()
     out = Path(task["path"]).parent / "out"
@@ -176,8 +187,6 @@ def _fault(code: int, line: str, memory_mb: float, out: Path) -> str:
         return f"left behind: {', '.join(there)}"
     if memory_mb > MEMORY_MB:
         return f"it took {memory_mb:.0f} MB"
-    if "allocate" in line or "MemoryError" in line:
-        return f"it asked for too much memory: {line}"
     if code == 0:
         return _incomplete(out) if out.exists() else ""
     if code != 2:

@@ -2,8 +2,14 @@
 
 from collections import Counter
 
-from ellipseg_ros.reliability.file_trials import ADDRESSES, LIMIT, MEMORY_MB, WHOLE, Outcome
-from ellipseg_ros.reliability.file_trials import try_files
+from ellipseg_ros.reliability.file_trials import (
+    ADDRESSES,
+    LIMIT,
+    MEMORY_MB,
+    WHOLE,
+    Outcome,
+    try_files,
+)
 from ellipseg_ros.reliability.promises import Promise, Trial
 
 CASES, QUICK = 100, 6  # of every kind

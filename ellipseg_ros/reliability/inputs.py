@@ -1,4 +1,4 @@
-"""The subject "inputs": odd clouds, landmarks and segments, without a node and to a running one."""
+"""The subject "inputs": odd clouds, landmarks and segments, and odd messages to a running node."""
 
 from dataclasses import dataclass
 

@@ -3,6 +3,7 @@
 import traceback
 import warnings
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +25,7 @@ FRESH = 50  # messages of one map, or of one mirror
 
 
 def recognize(seed: int, cases: int) -> Tally:
-    """Give odd landmarks to the map and to `associate`; `updates` are those that gave a verdict."""
+    """Give odd landmarks to the map and to `associate`; `updates`: those that gave a verdict."""
     tally = Tally()
     stored = LandmarkMap(MapConfig())
     with warnings.catch_warnings():
@@ -32,12 +33,12 @@ def recognize(seed: int, cases: int) -> Tally:
         for case in range(cases):
             if case % FRESH == 0:
                 stored = LandmarkMap(MapConfig(min_age=0.0, delay=0.0))
-            _try(tally, case, lambda: _recognize(stored, odd_landmarks(seed, case), tally))
+            _try(tally, case, partial(_recognize, stored, odd_landmarks(seed, case), tally))
     return tally
 
 
 def reflect(seed: int, cases: int) -> Tally:
-    """Give odd lists of segments to a mirror; `updates` are those after which it was in step."""
+    """Give odd lists of segments to a mirror; `updates`: those after which it was in step."""
     tally = Tally()
     mirror = SegmentMirror()
     with warnings.catch_warnings():
@@ -45,7 +46,7 @@ def reflect(seed: int, cases: int) -> Tally:
         for case in range(cases):
             if case % FRESH == 0:
                 mirror = SegmentMirror()
-            _try(tally, case, lambda: _reflect(mirror, odd_segments(seed, case), tally))
+            _try(tally, case, partial(_reflect, mirror, odd_segments(seed, case), tally))
     return tally
 
 
