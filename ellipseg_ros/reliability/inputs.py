@@ -47,7 +47,7 @@ def inputs(trial: Trial) -> list[Promise]:
     found.append(_segments(_told(reflect(trial.seed, cases.segments), trial)))
     trial.say(f"inputs: {cases.sent} clouds to the node, then {cases.large} points in one")
     try:
-        found += _heard(listen(trial.seed, cases.sent, cases.large), cases)
+        found += of_node(listen(trial.seed, cases.sent, cases.large), cases)
     except EllipsegError as error:
         tried = f"{cases.sent} odd clouds and one of {cases.large} points"
         found.append(Promise("No message ends the node, or silences it", tried, f"{error}", False))
@@ -101,7 +101,8 @@ def _segments(tally: Tally) -> Promise:
     )
 
 
-def _heard(heard: Heard, cases: Cases) -> list[Promise]:
+def of_node(heard: Heard, cases: Cases) -> list[Promise]:
+    """The rows of what came of messages to the running node."""
     different = differences(heard)
     growth = heard.peak_mb - heard.before_mb
     early = int(heard.large["points expired early"]) - heard.tally.crowded_out
