@@ -30,7 +30,9 @@ class SegmentMirror:
             self.segments = {segment.id: segment for segment in message.segments}
             self.objects = {thing.id: thing for thing in message.objects}
             self.in_step = self._complete(message)
-        elif not again:
+        elif again:
+            self.in_step = self._complete(message)
+        else:
             follows = self.in_step and message.sequence == self._sequence + 1
             self.in_step = follows and self._apply(message)
         self._sequence = message.sequence

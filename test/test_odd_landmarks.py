@@ -93,3 +93,12 @@ def test_a_full_list_that_does_not_add_up_is_not_believed():
     assert SegmentMirror().update(full([], 0))
     assert not SegmentMirror().update(full([3, 4], 8))
     assert not SegmentMirror().update(full([7, 0], 7))  # a segment has points
+
+
+def test_a_message_of_the_same_number_with_other_points_is_not_believed():
+    mirror = SegmentMirror()
+    assert mirror.update(full([3, 4], 7))
+    same = SimpleNamespace(**(vars(full([], 7)) | {"full": False}))
+    assert mirror.update(same)
+    same.segmented = 8
+    assert not mirror.update(same)
