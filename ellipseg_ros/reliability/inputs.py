@@ -65,8 +65,8 @@ def _converted(tally: Tally, memory_mb: float) -> list[Promise]:
     return [
         Promise(
             "An odd cloud gives an update or a short reason, without an exception or a warning; "
-            "every point is in the window or counted, no number is without end, and every message "
-            "can be read",
+            "every point is in the window or counted, no number is NaN or infinite, and every "
+            "message can be read",
             f"{tried}; {tally.updates:,} updates looked at",
             f"{tally.accepted:,} accepted, {tally.rejected.total():,} rejected for "
             f"{len(tally.rejected)} reasons, {len(tally.faults)} faults",
