@@ -95,7 +95,7 @@ class Worker:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self._end(PATIENCE)
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -106,9 +106,9 @@ class Worker:
         if not self._pipe.poll(START) or self._pipe.recv() != "ready":
             raise EllipsegError("the process that reads spoiled files has not begun")
 
-    def _end(self) -> None:
+    def _end(self, patience: float) -> None:
         self._pipe.close()  # then it ends by itself, unless it hangs
-        self._process.join(PATIENCE)
+        self._process.join(patience)
         self._process.kill()
         self._process.join()
 
@@ -123,7 +123,7 @@ class Worker:
         except EOFError:
             self._process.join()
             fault = f"the process ended with {self._process.exitcode}"
-        self._end()
+        self._end(patience=0.0)
         self._start()
         return Outcome(kind, how, -1, "", time.monotonic() - started, 0.0, fault)
 
