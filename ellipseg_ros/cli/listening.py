@@ -1,6 +1,7 @@
 """The other end of the listener process: waits for what it tells."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -37,6 +38,7 @@ class Listening:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.read_on()
         self._process.terminate()
         try:
             self._process.wait(FAREWELL)
@@ -46,6 +48,19 @@ class Listening:
         self._thread.join()
         assert self._process.stdout is not None  # a pipe
         self._process.stdout.close()
+
+    def kill(self) -> None:
+        """End it as a crash does."""
+        self._process.kill()
+        self._process.wait()
+
+    def stop_reading(self) -> None:
+        """Let it take nothing more from DDS, as if its program hung."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def read_on(self) -> None:
+        """Wake it up again."""
+        self._process.send_signal(signal.SIGCONT)
 
     def give_up(self, reason: str) -> None:
         """Let everything that waits fail with `reason`; for any thread."""

@@ -62,6 +62,13 @@ class NodeProcess:
         assert self._process is not None  # it is for after `start`
         return held_mb(self._process.pid)
 
+    def kill(self) -> None:
+        """End it as a crash does."""
+        assert self._process is not None  # it is for after `start`
+        self._asked = True
+        self._process.kill()
+        self._process.wait()
+
     def peak_memory_mb(self) -> float:
         """Most memory that it has held so far, in MB (10^6 bytes)."""
         assert self._process is not None  # it is for after `start`

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ellipseg_ros.measuring.machine import describe
+from ellipseg_ros.reliability.faults import faults
 from ellipseg_ros.reliability.files import files
 from ellipseg_ros.reliability.hour import hour
 from ellipseg_ros.reliability.inputs import inputs
@@ -15,9 +16,10 @@ from ellipseg_ros.reliability.strangers import strangers
 
 SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "hour": ("An hour of driving", hour),
+    "overload": ("More points than the machine can do", overload),
     "inputs": ("Odd input", inputs),
     "files": ("Spoiled files", files),
-    "overload": ("More points than the machine can do", overload),
+    "faults": ("Faults", faults),
     "strangers": ("Calls of strangers", strangers),
 }
 

@@ -1,0 +1,185 @@
+"""Nodes, replayers and subscribers that are killed: how the others go on."""
+
+import random
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Thread
+
+from ellipseg_ros.cli.listening import Listening
+from ellipseg_ros.cli.node_process import NodeProcess
+from ellipseg_ros.cli.running import domain
+from ellipseg_ros.reliability.fault_programs import node, started
+from ellipseg_ros.reliability.promises import Promise, Trial
+from ellipseg_ros.reliability.tape import Tape
+from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.ros.replayer import Replayer
+from ellipseg_ros.ros.witness import Witness
+
+START = 180.0  # s: imports, and the first compilation of all kernels
+PERIOD = 0.5  # s, between two updates
+SETTINGS = {"window_duration": 3.0, "update_period": PERIOD, "full_segments_period": 4.0}
+LIFETIME = 10  # s of a marker
+
+
+@dataclass
+class Scene:
+    """A recording that plays on and on, somebody who listens, and a place for a node."""
+
+    ros_args: list[str]
+    witness: Witness
+    folder: Path
+
+    @contextmanager
+    def node(self, *more: str) -> Iterator[NodeProcess]:
+        """A segmenter, started; ended with the block."""
+        given = [item for pair in SETTINGS.items() for item in ("-p", "{}:={}".format(*pair))]
+        log = self.folder / "node.log"
+        with NodeProcess([*self.ros_args, *given, *more], log, lambda _: None) as process:
+            process.start()
+            yield process
+
+    def wait_for_step(self, moment: float, updates: int = 1) -> float:
+        """Time from `moment` until so many updates are understood, s."""
+        come = self.witness.since
+        self.witness.wait(
+            lambda: sum(one.in_step for one in come(moment)) >= updates, START, "no update came"
+        )
+        return [one for one in come(moment) if one.in_step][updates - 1].time - moment
+
+
+@contextmanager
+def scene(seed: int, plays: bool = True) -> Iterator[Scene]:
+    """All but the node, which the trial starts and kills; plays: a recording."""
+    with ExitStack() as stack:
+        ros_args = stack.enter_context(domain("FATAL"))
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        witness = stack.enter_context(Witness(ros_args))
+        if plays:
+            tape = Tape(4.0, 10_000, seed=seed)
+            replayer = stack.enter_context(Replayer(tape, ReplayOptions(clock=False), ros_args))
+            player = Thread(target=replayer.run, name="player", daemon=True)
+            player.start()
+            stack.callback(player.join)
+            stack.callback(replayer.stop)
+        yield Scene(ros_args, witness, folder)
+
+
+# --- the node --------------------------------------------------------------------------------
+
+
+@dataclass
+class Restarts:
+    """What came of nodes that followed on killed ones."""
+
+    seconds: list[float] = field(default_factory=list)  # from the start to the first update
+    problems: list[str] = field(default_factory=list)
+
+
+def killed_nodes(trial: Trial) -> list[Promise]:
+    """Kill the node, start another; again and again."""
+    rng = random.Random(trial.seed)
+    kills = 2 if trial.quick else 20
+    found = Restarts()
+    with scene(trial.seed) as here:
+        for number in range(kills + 1):
+            trial.say(f"faults: killing the node, {number} of {kills}")
+            begun = time.monotonic()
+            with here.node() as process:
+                # Every other one is killed while it starts, the first and the last never.
+                if number % 2 == 0 or number == kills:
+                    found.seconds.append(here.wait_for_step(begun))
+                    found.problems += _judge(here.witness, begun) if number else []
+                    time.sleep(rng.uniform(0.0, 3.0 * PERIOD))
+                else:
+                    time.sleep(rng.uniform(0.0, found.seconds[0]))
+                process.kill()
+        lifetimes = here.witness.lifetimes
+    seconds = sorted(found.seconds)
+    tried = f"kill -9 at {kills + 1} random moments, half of them during the start; restarted"
+    return [
+        Promise(
+            "after a kill -9 of the node a new one is understood at once by who listens",
+            tried,
+            f"first message full and mirror in step in {len(seconds) - len(found.problems)} of "
+            f"{len(seconds)} runs; {seconds[len(seconds) // 2]:.1f} s from the start to the first "
+            f"update (median; at most {seconds[-1]:.1f} s)"
+            + (f"; {found.problems[0]}" if found.problems else ""),
+            not found.problems,
+        ),
+        Promise(
+            "markers of a dead node vanish",
+            f"the same; all markers have a lifetime of {LIFETIME} s, a new node clears first",
+            f"lifetimes {sorted(lifetimes)} s; no marker of a dead node beside those of a new one",
+            lifetimes == {LIFETIME} and not any("marker" in text for text in found.problems),
+        ),
+    ]
+
+
+def _judge(witness: Witness, begun: float) -> list[str]:
+    """What is wrong with the first words of a new node."""
+    first = witness.since(begun)[0]
+    if not (first.full and first.in_step):
+        return [f"the first message was {first}"]
+    drawn = [stale for moment, stale in witness.drawn if moment > begun]
+    return ["a dead marker stayed beside the new ones"] if drawn and drawn[0] else []
+
+
+# --- the others ------------------------------------------------------------------------------
+
+
+def killed_replayers(trial: Trial) -> Promise:
+    """Kill what sends the clouds, and start it anew: the stamps jump back."""
+    kills = 1 if trial.quick else 8
+    rng = random.Random(trial.seed)
+    seconds, again = [], []
+    with scene(trial.seed, plays=False) as here, here.node() as process:
+        source = ["-p", "source:=sim:industrial", "-p", "clock:=false"]
+        for number in range(kills + 1):
+            trial.say(f"faults: killing the replayer, {number} of {kills}")
+            begun = time.monotonic()
+            with started(node("replayer", *here.ros_args, *source), here.folder):
+                seconds.append(here.wait_for_step(begun, 4))
+                time.sleep(rng.uniform(0.0, 2.0 * PERIOD))
+            again += [number for one in here.witness.since(begun)[1:] if not one.in_step]
+        process.stop()
+    numbers = [one.sequence for one in here.witness.heard]
+    kept = not again and numbers == list(range(len(numbers)))
+    return Promise(
+        "the node outlives a killed source of clouds, and begins anew with the next",
+        f"kill -9 of the replayer at {kills + 1} random moments; restarted, same recording",
+        f"{len(numbers)} updates without a break in their numbers, mirror in step; "
+        f"{max(seconds):.1f} s at most from the restart to the fourth update",
+        kept,
+    )
+
+
+def killed_subscribers(trial: Trial) -> Promise:
+    """Kill a subscriber: the others hear on."""
+    kills = 1 if trial.quick else 10
+    longest = 0.0
+    with scene(trial.seed) as here, here.node() as process:
+        here.wait_for_step(time.monotonic(), 3)
+        for number in range(kills):
+            trial.say(f"faults: killing a subscriber, {number + 1} of {kills}")
+            with Listening(here.ros_args) as listening:
+                listening.wait_for_topics(START)
+                begun = time.monotonic()
+                here.wait_for_step(begun, 2)
+                listening.kill()
+                here.wait_for_step(time.monotonic(), 4)
+            times = [one.time for one in here.witness.since(begun)]
+            gaps = [late - early for early, late in zip(times, times[1:], strict=False)]
+            longest = max(longest, *gaps)
+        process.stop()
+    # Who is new is told the last update again.
+    numbers = list(dict.fromkeys(one.sequence for one in here.witness.heard))
+    return Promise(
+        "the node doesn't mind a killed subscriber",
+        f"kill -9 of {kills} subscribers to all topics, an update every {PERIOD:g} s",
+        f"no update missing of {len(numbers)}, {longest:.2f} s at most between two",
+        numbers == list(range(numbers[0], numbers[0] + len(numbers))) and longest < 4.0 * PERIOD,
+    )

@@ -1,0 +1,111 @@
+"""A subscriber that remembers what a segmenter says: for trials in which nodes come and go."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Condition
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.node import Node
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.mirror import SegmentMirror
+from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.process import Spinner
+
+DEPTH = 100  # messages kept while others are dealt with
+
+
+@dataclass(frozen=True)
+class Heard:
+    """One message of `segments`."""
+
+    time: float  # s, monotonic clock
+    sequence: int
+    frame_id: str
+    full: bool
+    in_step: bool  # whether the mirror was, after it
+
+
+class Witness:
+    """Subscribes to `segments`, `ellipsoids` and /diagnostics; a context manager.
+
+    args: `--ros-args ...`, for a namespace. Its lists only grow.
+    """
+
+    def __init__(self, args: list[str]) -> None:
+        self._changed = Condition()
+        self._mirror = SegmentMirror()
+        self.heard: list[Heard] = []
+        self.shown: set[int] = set()  # markers, as a viewer has them that never forgets
+        self.drawn: list[tuple[float, bool]] = []  # s; whether dead ones were on show meanwhile
+        self.lifetimes: set[int] = set()  # s, of all markers
+        self.said: list[tuple[float, str]] = []  # s; the one line of a segmenter's health
+        self._context = Context()
+        rclpy.init(args=args, context=self._context)
+        self._node = Node("ellipseg_witness", context=self._context)
+        for kind, topic, call in (
+            (SegmentArray, "segments", self._on_segments),
+            (MarkerArray, "ellipsoids", self._on_markers),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics),
+        ):
+            self._node.create_subscription(kind, topic, call, DEPTH)
+        self._failed: list[BaseException] = []
+        self._spinner = Spinner(self._node, self._fail)
+
+    def __enter__(self) -> "Witness":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._spinner.stop()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
+        """Wait until a message makes it true; raises EllipsegError after `timeout` s."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: done() or bool(self._failed), timeout):
+                raise EllipsegError(f"{otherwise} within {timeout:g} s")
+        if self._failed:
+            raise EllipsegError(f"listening failed: {self._failed[0]}")
+
+    def since(self, moment: float) -> list[Heard]:
+        """What has come on `segments` since then."""
+        return [one for one in self.heard if one.time > moment]
+
+    def _on_segments(self, message: SegmentArray) -> None:
+        in_step = self._mirror.update(message)
+        heard = Heard(
+            time.monotonic(), message.sequence, message.header.frame_id, message.full, in_step
+        )
+        with self._changed:
+            self.heard.append(heard)
+            self._changed.notify_all()
+
+    def _on_markers(self, message: MarkerArray) -> None:
+        with self._changed:
+            for marker in message.markers:
+                if marker.action == Marker.DELETEALL:
+                    self.shown.clear()
+                elif marker.action == Marker.DELETE:
+                    self.shown.discard(marker.id)
+                else:
+                    self.shown.add(marker.id)
+                    self.lifetimes.add(marker.lifetime.sec)
+            drawn = {m.id for m in message.markers if m.action == Marker.ADD}
+            self.drawn.append((time.monotonic(), bool(self.shown - drawn)))
+            self._changed.notify_all()
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        own = f"{self._node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
+        with self._changed:
+            now = time.monotonic()
+            self.said += [(now, s.message) for s in message.status if s.name.startswith(own)]
+            self._changed.notify_all()
+
+    def _fail(self, error: BaseException | None) -> None:
+        if error is not None:
+            self._failed.append(error)

@@ -1,0 +1,28 @@
+"""What is killed, filled up, interrupted or crowded, with the real programs: short versions."""
+
+import pytest
+
+from ellipseg_ros.reliability import (
+    fault_company,
+    fault_files,
+    fault_kills,
+    fault_signals,
+)
+from ellipseg_ros.reliability.promises import Promise, Trial
+
+TRIALS = [
+    fault_kills.killed_nodes,
+    fault_kills.killed_replayers,
+    fault_files.killed_writers,
+    fault_files.full_disks,
+    fault_signals.signals,
+    fault_company.second_nodes,
+    fault_company.hanging_subscribers,
+]
+
+
+@pytest.mark.parametrize("tried", TRIALS, ids=lambda tried: tried.__name__)
+def test_the_promise_is_kept(tried):
+    found = tried(Trial(quick=True))
+    rows = [found] if isinstance(found, Promise) else found
+    assert rows and not [row for row in rows if not row.kept]
