@@ -1,5 +1,6 @@
 """The cache of compiled kernels: damaged, not there, shared."""
 
+import os
 import random
 import shutil
 import subprocess
@@ -105,10 +106,14 @@ def _start_small(cache: Path) -> "subprocess.Popen[str]":
 
 def _process(code: str, cache: Path) -> "subprocess.Popen[str]":
     words = command()
-    words[words.index("-c") + 1] = (
-        f"import os\nos.environ['NUMBA_CACHE_DIR'] = {str(cache)!r}\n{code}"
+    words[words.index("-c") + 1] = code
+    return subprocess.Popen(
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache)},
     )
-    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def _end(process: "subprocess.Popen[str]") -> str:

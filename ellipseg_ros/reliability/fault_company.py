@@ -15,9 +15,10 @@ from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.ros.witness import Witness
 
 TOLD = "other nodes publish `segments`"
+SLACK = 50.0  # ms, of a machine that has other things to do
 SOON = 15.0  # s within which a second node is to be told of
-DEEP = 20  # updates while nobody reads: twice as many as DDS keeps
-SLOWER = 2.0  # times the usual interval that the longest may have then
+DEEP = 20  # updates before, and while nobody reads: twice as many as DDS keeps
+SLOWER = 2.0  # times the usual latency that it may be then
 
 
 def second_nodes(trial: Trial) -> Promise:
@@ -68,9 +69,8 @@ def namespaces(trial: Trial) -> Promise:
             first.stop()
             second.stop()
             frames = [{heard.frame_id for heard in each.witness.heard} for each in (one, other)]
-            alarms = [
-                text for each in (one, other) for _, text in each.witness.said if TOLD in text
-            ]
+            said = [text for each in (one, other) for _, text in each.witness.said]
+    alarms = [text for text in said if TOLD in text]
     return Promise(
         "nodes in several namespaces side by side do not mix",
         f"two namespaces of one domain, clouds in different frames, {updates} updates each",
@@ -88,27 +88,27 @@ def hanging_subscribers(trial: Trial) -> Promise:
             listening.wait_for_topics(START)
             here.wait_for_step(time.monotonic(), DEEP)  # the window is full
             trial.say(f"faults: {updates} updates while a subscriber reads")
-            usual = _intervals(here, updates)
+            usual = _latencies(here, updates)
             listening.stop_reading()
             trial.say(f"faults: {updates} updates while it doesn't")
-            hanging = _intervals(here, updates)
+            hanging = _latencies(here, updates)
             listening.read_on()
         process.stop()
-    medians = [1e3 * float(np.median(times)) for times in (usual, hanging)]
-    longest = [1e3 * max(times) for times in (usual, hanging)]
+    (median, high), (meanwhile, most) = (
+        1e3 * np.quantile(times, [0.5, 0.9]) for times in (usual, hanging)
+    )
     return Promise(
         "a subscriber that stops reading does not slow the node",
         f"SIGSTOP of one of two reliable subscribers to all topics for {updates} updates, more "
         f"than DDS keeps; {PERIOD:g} s between two, window 10 s",
-        f"from update to update {medians[0]:.0f} ms before, {medians[1]:.0f} ms meanwhile "
-        f"(medians); at most {longest[0]:.0f} and {longest[1]:.0f} ms",
-        max(hanging) < SLOWER * max(*usual, PERIOD),
+        f"from a cloud sent to its segments received: {median:.0f} ms before (90 % within "
+        f"{high:.0f} ms), {meanwhile:.0f} ms meanwhile ({most:.0f} ms)",
+        len(hanging) >= updates and meanwhile < SLOWER * median + SLACK,
     )
 
 
-def _intervals(here: Scene, updates: int) -> list[float]:
-    """Times between the next updates, s."""
+def _latencies(here: Scene, updates: int) -> list[float]:
+    """Of the next updates, s: from the cloud that ended it sent to its segments received."""
     begun = time.monotonic()
-    here.wait_for_step(begun, updates + 1)
-    times = [heard.time for heard in here.witness.since(begun)]
-    return [late - early for early, late in zip(times, times[1:], strict=False)]
+    here.wait_for_step(begun, updates)
+    return [heard.time - here.sent[heard.stamp_ns] for heard in here.witness.since(begun)]

@@ -12,6 +12,7 @@ from threading import Thread
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
 from ellipseg_ros.cli.running import domain
+from ellipseg_ros.data import Sweep
 from ellipseg_ros.reliability.fault_programs import node, started
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
@@ -32,6 +33,11 @@ class Scene:
     ros_args: list[str]
     witness: Witness
     folder: Path
+    sent: dict[int, float] = field(default_factory=dict)  # newest time of a cloud, ns: s, when
+
+    def note(self, sweep: Sweep) -> None:
+        """A cloud was sent."""
+        self.sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic()
 
     @contextmanager
     def node(self, *more: str) -> Iterator[NodeProcess]:
@@ -57,15 +63,15 @@ def scene(seed: int, plays: bool = True) -> Iterator[Scene]:
     with ExitStack() as stack:
         ros_args = stack.enter_context(domain("FATAL"))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        witness = stack.enter_context(Witness(ros_args))
+        here = Scene(ros_args, stack.enter_context(Witness(ros_args)), folder)
         if plays:
             tape = Tape(4.0, 10_000, seed=seed)
             replayer = stack.enter_context(Replayer(tape, ReplayOptions(clock=False), ros_args))
-            player = Thread(target=replayer.run, name="player", daemon=True)
+            player = Thread(target=replayer.run, args=[here.note], name="player", daemon=True)
             player.start()
             stack.callback(player.join)
             stack.callback(replayer.stop)
-        yield Scene(ros_args, witness, folder)
+        yield here
 
 
 # --- the node --------------------------------------------------------------------------------
@@ -82,7 +88,7 @@ class Restarts:
 def killed_nodes(trial: Trial) -> list[Promise]:
     """Kill the node, start another; again and again."""
     rng = random.Random(trial.seed)
-    kills = 2 if trial.quick else 20
+    kills = 1 if trial.quick else 20
     found = Restarts()
     with scene(trial.seed) as here:
         for number in range(kills + 1):

@@ -11,6 +11,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ellipseg_ros.data import SECOND
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
@@ -24,6 +25,7 @@ class Heard:
     """One message of `segments`."""
 
     time: float  # s, monotonic clock
+    stamp_ns: int
     sequence: int
     frame_id: str
     full: bool
@@ -78,8 +80,14 @@ class Witness:
 
     def _on_segments(self, message: SegmentArray) -> None:
         in_step = self._mirror.update(message)
+        stamp = message.header.stamp
         heard = Heard(
-            time.monotonic(), message.sequence, message.header.frame_id, message.full, in_step
+            time.monotonic(),
+            stamp.sec * SECOND + stamp.nanosec,
+            message.sequence,
+            message.header.frame_id,
+            message.full,
+            in_step,
         )
         with self._changed:
             self.heard.append(heard)
