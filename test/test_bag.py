@@ -11,7 +11,15 @@ from rosbags.typesys import Stores, get_typestore
 
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.bag import CLOUD, TYPES, BagSink, BagSweeps, msg_folder, node_types
+from ellipseg_ros.io.bag import (
+    CLOUD,
+    TYPES,
+    BagSink,
+    BagSweeps,
+    msg_folder,
+    node_types,
+    read_messages,
+)
 from ellipseg_ros.io.pointcloud2 import labelled_fields, write_sweep
 
 START_NS = 1_700_000_000 * 10**9
@@ -208,6 +216,30 @@ def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
         ]
     assert [message.sequence for message in read] == [0, 1]
     assert len(read[0].segments) == len(found[0].ids)
+
+
+def test_a_bag_is_whole_after_every_update(tmp_path):
+    whole = tmp_path / "out"
+    with BagSink(whole) as sink:
+        assert refused(lambda: BagSweeps(whole), "no_topic")
+        for k in range(20):
+            sink.write_update(made.segmentation(sequence=k, end_ns=START_NS + k * 10**9))
+            seen = shutil.copytree(whole, tmp_path / f"seen_{k}")  # as a kill would leave it
+            assert [m.sequence for _, m in read_messages(seen, "/segments")] == list(range(k + 1))
+            assert len(list(BagSweeps(seen, "/segmented_points"))) == k + 1
+            with Reader(seen) as reader:
+                assert 0.8 * reader.message_count <= 4 * (k + 1) <= 1.2 * reader.message_count + 4
+                assert sum(1 for _ in reader.messages()) == 4 * (k + 1)
+
+
+def test_clouds_without_updates_get_into_the_bag_every_few_megabytes(tmp_path):
+    rng = np.random.default_rng(0)
+    with BagSink(tmp_path / "out") as sink:
+        for k in range(10):
+            xyz = rng.normal(size=(100_000, 3)).astype(np.float32)
+            sink.write_points(Sweep(START_NS + k, xyz, frame_id="map"))
+        seen = shutil.copytree(tmp_path / "out", tmp_path / "seen")
+    assert 5 <= len(list(BagSweeps(seen))) <= 10
 
 
 def write_and(path, then):

@@ -95,7 +95,7 @@ def hanging_subscribers(trial: Trial) -> Promise:
             listening.read_on()
         process.stop()
     (median, high), (meanwhile, most) = (
-        1e3 * np.quantile(times, [0.5, 0.9]) for times in (usual, hanging)
+        (1e3 * np.quantile(times, [0.5, 0.9])).tolist() for times in (usual, hanging)
     )
     return Promise(
         "a subscriber that stops reading does not slow the node",

@@ -190,3 +190,11 @@ def test_ages_and_memory_are_told(clock):
     assert values["latency last [s]"] == "0.2000"
     assert values["running for [s]"] == "3"
     assert 10 < float(values["memory [MB]"]) < 100_000
+
+
+def test_another_node_that_publishes_the_same_is_worth_a_warning(clock):
+    found = ready()
+    found.cloud()
+    found.rivals = 1
+    report = found.report(0)
+    assert report.level == WARN and "1 other nodes publish `segments`" in report.message
