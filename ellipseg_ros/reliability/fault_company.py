@@ -14,7 +14,7 @@ from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.ros.witness import Witness
 
-TOLD = "other nodes publish `segments`"
+TOLD = "other nodes publish segments"
 SLACK = 50.0  # ms, of a machine that has other things to do
 SOON = 15.0  # s within which a second node is to be told of
 DEEP = 20  # updates before, and while nobody reads: twice as many as DDS keeps

@@ -197,4 +197,4 @@ def test_another_node_that_publishes_the_same_is_worth_a_warning(clock):
     found.cloud()
     found.rivals = 1
     report = found.report(0)
-    assert report.level == WARN and "1 other nodes publish `segments`" in report.message
+    assert report.level == WARN and "1 other nodes publish segments" in report.message
