@@ -1,4 +1,4 @@
-"""Most memory that a process has held, as Linux counts it."""
+"""The memory of a process, as Linux counts it, and how glibc hands it out."""
 
 import ctypes
 from collections import deque
@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 POINTER = 8  # bytes
+M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8  # of malloc.h
+LARGE = 2**20  # bytes
 
 
 def peak_mb(process: int | str = "self") -> float:
@@ -54,3 +56,16 @@ def _status(process: int | str, name: str) -> float:
     status = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace")
     kib = next(line.split()[1] for line in status.splitlines() if line.startswith(f"{name}:"))
     return round(int(kib) * 1024 / 1e6, 1)
+
+
+def give_back_large() -> None:
+    """Have this process give back large arrays as soon as they are freed (mallopt of glibc).
+
+    glibc keeps a heap for every thread, and keeps larger and larger blocks in them once some were
+    freed. Arrays that have another size at every update then leave holes that nothing fits into,
+    and a process that runs for hours grows.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "mallopt"):  # another C library may do without
+        libc.mallopt(M_MMAP_THRESHOLD, LARGE)
+        libc.mallopt(M_ARENA_MAX, 1)

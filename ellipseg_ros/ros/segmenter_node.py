@@ -15,6 +15,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.frames import looks_like_a_sensor, warning
 from ellipseg_ros.grouping import Grouping
 from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.measuring.memory import give_back_large
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
@@ -167,4 +168,5 @@ class SegmenterNode:
 
 def main(args: list[str] | None = None) -> int:
     """`ros2 run ellipseg_ros segmenter`."""
+    give_back_large()
     return run(SegmenterNode, args)
