@@ -36,7 +36,7 @@ def damaged_caches(trial: Trial) -> Promise:
         right, cold = _timed(warm) if not trial.quick else _small(warm)
         problems = []
         damaged = 0
-        for number in range(3 if trial.quick else 9):
+        for number in range(3 if trial.quick else 6):
             kind = list(DAMAGES)[number % len(DAMAGES)]
             trial.say(f"faults: cached kernels {kind}")
             shutil.copytree(warm, cache)

@@ -42,7 +42,7 @@ def killed_writers(trial: Trial) -> Promise:
     """`ellipseg segment`, killed at random moments: what is in its bag then."""
     rng = random.Random(trial.seed)
     problems: list[str] = []
-    kills = 1 if trial.quick else 30
+    kills = 1 if trial.quick else 15
     updates = []
     for number in range(kills):
         trial.say(f"faults: killing `ellipseg segment`, {number + 1} of {kills}")

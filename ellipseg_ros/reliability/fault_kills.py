@@ -88,7 +88,7 @@ class Restarts:
 def killed_nodes(trial: Trial) -> list[Promise]:
     """Kill the node, start another; again and again."""
     rng = random.Random(trial.seed)
-    kills = 1 if trial.quick else 20
+    kills = 1 if trial.quick else 10
     found = Restarts()
     with scene(trial.seed) as here:
         for number in range(kills + 1):

@@ -45,7 +45,7 @@ def signals(trial: Trial) -> list[Promise]:
     with domain() as ros_args, tempfile.TemporaryDirectory() as folder:
         programs = _programs(ros_args)
         names = ["segmenter", "segment"] if trial.quick else list(programs)
-        times = 2 if trial.quick else 25
+        times = 2 if trial.quick else 12
         endings = []
         for name in names:
             trial.say(f"faults: signals to {name}")

@@ -37,7 +37,7 @@ class Load:
     first_rate: float  # points/s that the capacity is first measured with
 
 
-FULL = Load((1, 2, 4, 8), 30.0, 4, 3, Config().window_duration, Config().max_points, 20_000.0)
+FULL = Load((1, 2, 4, 8), 30.0, 4, 2, Config().window_duration, Config().max_points, 20_000.0)
 QUICK = Load((4,), 6.0, 2, 2, 3.0, 150_000, 20_000.0)
 
 
