@@ -140,7 +140,6 @@ def spoilt(level, **changes):
         ("objects", {"parents": lambda ids: [*ids, 999_999]}, "objects: .* parents"),
         ("segments", {"state": lambda _: State.NEW}, "state 0, and was there before"),
         ("objects", {"state": lambda _: State.UNCHANGED}, "its points are others"),
-        ("segments", {"count": lambda count: count + 1}, "segments: the counts"),
         ("objects", {"count": lambda count: count - 1}, "objects: the counts"),
         ("segments", {"object_id": lambda _: 999_999}, "object is not that of its segment"),
         ("objects", {"segments": lambda ids: ids[:-1]}, "lists other segments"),
@@ -149,6 +148,20 @@ def spoilt(level, **changes):
 def test_what_cannot_be_of_a_segment_or_an_object_fails(stream, level, changes, problem):
     check = checked(stream, spoilt(level, **changes))
     assert check.accounted == check.identical == 5 and check.conserved == 4 and not check.passed
+    assert re.search(problem, "\n".join(check.problems))
+
+
+@pytest.mark.parametrize(("less", "problem"), [(1, "segments: the counts"), (0, "not follow")])
+def test_counts_of_segments_that_are_others_fail(stream, less, problem):
+    def spoil(k, node):
+        first, second, *rest = node.said.segments
+        first = replace(first, count=first.count + 1)
+        second = replace(second, count=second.count - less)
+        wrong = replace(node.said, segments=[first, second, *rest])
+        return replace(node, said=wrong) if k == 3 else node
+
+    check = checked(stream, spoil)
+    assert check.conserved < 5 and not check.passed
     assert re.search(problem, "\n".join(check.problems))
 
 
