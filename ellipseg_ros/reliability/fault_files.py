@@ -27,11 +27,11 @@ bag.BagSink.write_update = lambda sink, found: (
     write(sink, found), sys.stderr.write(f'{found.sequence}\\n'), sys.stderr.flush()
 )"""  # each update, when the bag has it
 FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))"
-WRITERS = {
+WRITERS = {  # the folder comes last
     "segment": ("segment", *SHORT),
-    "segment --no-bag": ("segment", *SHORT, "--no-bag"),
+    "segment --no-bag": ("segment", "--no-bag", *SHORT),
     "simulate": ("simulate", "industrial", *SHORT[1:]),
-    "tune": ("tune", *SHORT, "--count", "4", "--jobs", "1"),
+    "tune": ("tune", "--count", "4", "--jobs", "1", *SHORT),
 }
 
 

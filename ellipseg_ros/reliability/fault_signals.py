@@ -105,6 +105,8 @@ def _interrupt(name: str, program: Program, folder: Path, rng: random.Random) ->
 def _problem(program: Program, code: int, seconds: float, text: str) -> str:
     if "Traceback" in text or "Exception" in text:
         return f"a traceback: {text[-300:]}"
+    if code == 0 and not text.count("interrupted"):
+        return ""  # its work was done when the signal came
     if code != program.code:
         return f"exit code {code}, not {program.code}"
     last = "ellipseg: interrupted"
