@@ -6,7 +6,8 @@ from dataclasses import asdict
 from typing import Any
 
 from ellipseg_ros.measuring.machine import describe
-from ellipseg_ros.reliability.faults import faults
+from ellipseg_ros.reliability.fault_signals import signals
+from ellipseg_ros.reliability.fault_subjects import caches, company, disks, kills
 from ellipseg_ros.reliability.files import files
 from ellipseg_ros.reliability.hour import hour
 from ellipseg_ros.reliability.inputs import inputs
@@ -19,7 +20,11 @@ SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "overload": ("More points than the machine can do", overload),
     "inputs": ("Odd input", inputs),
     "files": ("Spoiled files", files),
-    "faults": ("Faults", faults),
+    "kills": ("Killed programs", kills),
+    "signals": ("SIGINT and SIGTERM", signals),
+    "disks": ("Full disks and forbidden places", disks),
+    "caches": ("Compiled kernels on the disk", caches),
+    "company": ("Other nodes and subscribers", company),
     "strangers": ("Calls of strangers", strangers),
 }
 
