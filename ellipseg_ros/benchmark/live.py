@@ -17,7 +17,7 @@ import numpy as np
 from ellipseg_ros.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import domain, environment, running
+from ellipseg_ros.cli.running import START, domain, environment, running
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import SECOND, Segmentation, State, Sweep
 from ellipseg_ros.errors import EllipsegError
@@ -33,7 +33,6 @@ from ellipseg_ros.simulator import FIELDS, simulate
 
 BLOB = 30  # points of an ellipsoid that is published
 PERIOD = 0.1  # s, between two updates whose latency is measured
-START = 180.0  # s: imports, and the first compilation of all kernels
 READY = "ready; "  # what the node says then
 PATIENCE = 60.0  # s for one update
 RELIABLE = {"input_reliability": "reliable"}  # so that every cloud comes back

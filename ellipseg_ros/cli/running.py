@@ -10,6 +10,8 @@ from typing import Any
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
 
+START = 180.0  # s: imports, and the first compilation of all kernels
+
 
 @contextmanager
 def running(settings: dict[str, Any]) -> Iterator[tuple[Listening, NodeProcess, list[str]]]:

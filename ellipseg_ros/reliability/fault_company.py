@@ -7,7 +7,8 @@ from threading import Thread
 import numpy as np
 
 from ellipseg_ros.cli.listening import Listening
-from ellipseg_ros.reliability.fault_kills import PERIOD, START, Scene, scene
+from ellipseg_ros.cli.running import START
+from ellipseg_ros.reliability.fault_kills import PERIOD, Scene, scene
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.playback import ReplayOptions

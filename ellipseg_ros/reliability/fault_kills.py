@@ -11,7 +11,7 @@ from threading import Thread
 
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import domain
+from ellipseg_ros.cli.running import START, domain
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.reliability.fault_programs import node, started
 from ellipseg_ros.reliability.promises import Promise, Trial
@@ -20,7 +20,6 @@ from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.ros.witness import Witness
 
-START = 180.0  # s: imports, and the first compilation of all kernels
 PERIOD = 0.5  # s, between two updates
 SETTINGS = {"window_duration": 3.0, "update_period": PERIOD, "full_segments_period": 4.0}
 LIFETIME = 10  # s of a marker
@@ -55,6 +54,15 @@ class Scene:
             lambda: sum(one.in_step for one in come(moment)) >= updates, START, "no update came"
         )
         return [one for one in come(moment) if one.in_step][updates - 1].time - moment
+
+    def numbers(self) -> list[int]:
+        """Those of the updates heard; who is new is told the last one again, which counts once."""
+        return list(dict.fromkeys(one.sequence for one in self.witness.heard))
+
+
+def unbroken(numbers: list[int]) -> bool:
+    """Whether each is one more than the one before."""
+    return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 @contextmanager
@@ -152,8 +160,8 @@ def killed_replayers(trial: Trial) -> Promise:
                 time.sleep(rng.uniform(0.0, 2.0 * PERIOD))
             again += [number for one in here.witness.since(begun)[1:] if not one.in_step]
         process.stop()
-    numbers = [one.sequence for one in here.witness.heard]
-    kept = not again and numbers == list(range(len(numbers)))
+    numbers = here.numbers()
+    kept = not again and unbroken(numbers)
     return Promise(
         "the node outlives a killed source of clouds, and begins anew with the next",
         f"kill -9 of the replayer at {kills + 1} random moments; restarted, same recording",
@@ -181,11 +189,10 @@ def killed_subscribers(trial: Trial) -> Promise:
             gaps = [late - early for early, late in zip(times, times[1:], strict=False)]
             longest = max(longest, *gaps)
         process.stop()
-    # Who is new is told the last update again.
-    numbers = list(dict.fromkeys(one.sequence for one in here.witness.heard))
+    numbers = here.numbers()
     return Promise(
         "the node doesn't mind a killed subscriber",
         f"kill -9 of {kills} subscribers to all topics, an update every {PERIOD:g} s",
         f"no update missing of {len(numbers)}, {longest:.2f} s at most between two",
-        numbers == list(range(numbers[0], numbers[0] + len(numbers))) and longest < 4.0 * PERIOD,
+        unbroken(numbers) and longest < 4.0 * PERIOD,
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import domain
+from ellipseg_ros.cli.running import START, domain
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep, join_sweeps
 from ellipseg_ros.grouping import Grouping, updates
@@ -28,7 +28,6 @@ from ellipseg_ros.segmenter import Segmenter
 LOSSLESS = ["-p", "max_backlog:=0", "-p", "input_reliability:=reliable"]
 GROWTH = 0.05  # of memory, at most
 SLOWER = 1.2  # times the processing time, at most
-START = 180.0  # s: imports, and the first compilation of all kernels
 PATIENCE = 120.0  # s for one update
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import running
+from ellipseg_ros.cli.running import START, running
 from ellipseg_ros.config import Config, NodeConfig, flatten
 from ellipseg_ros.data import SECOND
 from ellipseg_ros.measuring.timing import timed
@@ -13,7 +13,6 @@ from ellipseg_ros.reliability.conversion import Consumer, Tally
 from ellipseg_ros.ros.sender import Sender
 
 CONFIG = Config(window_duration=2.0, update_period=0.3)
-START = 180.0  # s: imports, and the first compilation of all kernels
 PATIENCE = 300.0  # s for what was sent: 2 million points take a minute on two cores that are busy
 
 

@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from ellipseg_ros.cli.running import running
+from ellipseg_ros.cli.running import START, running
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import SECOND, Array, Sweep
 from ellipseg_ros.reliability.promises import Promise, Trial
@@ -15,7 +15,6 @@ from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 
-START = 180.0  # s: imports, and the first compilation of all kernels
 PATIENCE = 120.0  # s for one update
 CALM = 0.5  # times the capacity: what comes before the end, for the recovery
 GROWTH = 1.3  # times the latency, at most, from the middle of an overload to its end

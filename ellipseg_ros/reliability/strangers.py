@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from ellipseg_ros.cli.listening import Listening
-from ellipseg_ros.cli.running import running
+from ellipseg_ros.cli.running import START, running
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
@@ -22,7 +22,6 @@ FLOODS = {
     "~/reset": ["reset"],
     "parameters": ["get_parameters", "set_parameters"],
 }
-START = 180.0  # s: imports, and the first compilation of all kernels
 PATIENCE = 30.0  # s
 REPORTS = 20  # /diagnostics, one a second, until the last update must have come
 TIMES = 3.0  # the latency without a flood, at most
