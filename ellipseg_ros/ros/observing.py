@@ -12,6 +12,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -29,7 +30,8 @@ from ellipseg_ros.ros.process import Spinner
 CLOUD = "sensor_msgs/msg/PointCloud2"
 SEGMENTS = "ellipseg_ros/msg/SegmentArray"
 SHOWN = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
-DISCOVERY = 3.0  # s that the others get to be found
+DISCOVERY = 5.0  # s that the others get to be found
+SETTLED = 0.5  # s without news after which all are found that will be
 LOOK = 0.1  # s between two looks at the graph: it tells of no change
 DEPTH = 100  # clouds kept while others are read
 
@@ -47,6 +49,9 @@ class Observer:
         self._clouds: list[Cloud] = []
         self._said: dict[str, Any] = {}  # last status of a segmenter, by the name of its node
         self._parameters: dict[str, dict[str, Any]] = {}
+        self._clients: dict[str, Client] = {}  # that ask for them
+        self._known: list[str] = []  # names of nodes at the last look
+        self._news = time.monotonic()  # when they last changed
         self._failed: list[BaseException] = []
         self._context = Context()
         self._own = f"ellipseg_doctor_{os.getpid()}"
@@ -74,36 +79,64 @@ class Observer:
         rclpy.shutdown(context=self._context)
 
     def observe(self, seconds: float) -> Graph:
-        """Look around, then listen for so many seconds."""
+        """Look around, then listen for so many seconds; who is found late is met as well."""
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH)
         self._wait(DISCOVERY, self._all_is_there)
         self._choose_topic()
-        self.node.create_subscription(PointCloud2, self._topic, self._on_cloud, self._qos())
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH)
-        for name in self._segmenters():
-            self._ask(name)
-        self._wait(seconds, lambda: False)
+        changed = True
+        while changed:
+            self._clouds.clear()
+            clouds = self.node.create_subscription(
+                PointCloud2, self._topic, self._on_cloud, self._qos()
+            )
+            changed = self._wait(seconds, self._meet)
+            if changed:
+                self.node.destroy_subscription(clouds)
         return self._graph(seconds)
 
     def _fail(self, error: BaseException | None) -> None:
         if error is not None:
             self._failed.append(error)
 
-    def _wait(self, seconds: float, enough: Callable[[], bool]) -> None:
+    def _wait(self, seconds: float, enough: Callable[[], bool]) -> bool:
+        """Look again and again; False if there was not enough in that time."""
         end = time.monotonic() + seconds
         pause = Event()
-        while not enough() and time.monotonic() < end:
+        while not enough():
+            if time.monotonic() >= end:
+                return False
             pause.wait(min(LOOK, max(0.0, end - time.monotonic())))
             if self._failed:
                 raise self._failed[0]
+        return True
 
     def _all_is_there(self) -> bool:
+        self._choose_topic()
+        if (known := self._others()) != self._known:
+            self._known, self._news = known, time.monotonic()
+        if time.monotonic() < self._news + SETTLED:
+            return False
         return bool(self._segmenters() and self.node.get_publishers_info_by_topic(self._topic))
 
-    def _choose_topic(self) -> None:
-        """What a segmenter subscribes to, unless the user names one."""
+    def _choose_topic(self) -> bool:
+        """What a segmenter subscribes to, unless the user names one; True if it is a new one."""
         inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
-        if inputs and not self._asked and self._topic not in inputs:
-            self._topic = inputs[0]
+        if not inputs or self._asked or self._topic in inputs:
+            return False
+        self._topic = inputs[0]
+        return True
+
+    def _meet(self) -> bool:
+        """Ask every segmenter for its parameters, once; True if clouds are on another topic."""
+        for name in self._segmenters():
+            if name not in self._clients:
+                self._clients[name] = self.node.create_client(
+                    GetParameters, f"{name}/get_parameters"
+                )
+            if name not in self._parameters and self._clients[name].service_is_ready():
+                self._parameters[name] = {}
+                self._ask(name)
+        return self._choose_topic()
 
     def _qos(self) -> QoSProfile:
         """As the node listens: best effort only if it must be, as large clouds get lost then."""
@@ -149,10 +182,8 @@ class Observer:
             values = map(parameter_value_to_python, future.result().values)
             self._parameters[name] = dict(zip(SHOWN, values, strict=True))
 
-        client = self.node.create_client(GetParameters, f"{name}/get_parameters")
-        if client.wait_for_service(DISCOVERY):
-            request = GetParameters.Request(names=SHOWN)
-            client.call_async(request).add_done_callback(answered)
+        request = GetParameters.Request(names=SHOWN)
+        self._clients[name].call_async(request).add_done_callback(answered)
 
     def _others(self) -> list[str]:
         """Full names of all nodes but this one; one that several nodes have, several times."""
