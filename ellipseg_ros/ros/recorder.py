@@ -17,6 +17,7 @@ from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
 from ellipseg_ros.ros.process import Spinner
 
 STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
+OPTIONAL = "landmarks"  # not published if they are not looked for
 SMALL = 1000  # bytes: more than one marker takes
 
 
@@ -42,6 +43,7 @@ class Recorder:
         self._changed = Condition()  # guards the bag, too
         self._matched = dict.fromkeys(TOPICS, 0)
         self._time_ns: int | None = None  # of the newest update
+        self._stamps: dict[str, int] = {}  # of the last message that came, by topic
         self._update: int | None = None  # its number
         self._stopped = ""
         self._ending = False
@@ -74,8 +76,13 @@ class Recorder:
         self._wait(lambda: all(self._matched.values()), timeout, "the node publishes nothing")
 
     def wait_for_updates(self, count: int, timeout: float) -> None:
-        """Wait until `count` updates have come; raises EllipsegError after `timeout` s."""
+        """Wait until `count` updates have come, the last one on all topics that bear its time.
+
+        Large messages overtake each other on the way: segments may come before their points.
+        Raises EllipsegError after `timeout` s.
+        """
         self._wait(lambda: self.updates >= count, timeout, f"{count} updates were due, {{}} came")
+        self._wait(self._is_whole, timeout, "of the last update, not all topics came")
 
     def wait_for_report(self, key: str, value: int, timeout: float) -> None:
         """Wait until /diagnostics of the segmenter say so; EllipsegError after `timeout` s."""
@@ -105,7 +112,7 @@ class Recorder:
     def _on_message(self, topic: str, data: bytes) -> None:
         with self._changed:
             if topic in STAMPED:
-                self._time_ns = header_time(data)
+                self._time_ns = self._stamps[topic] = header_time(data)
             farewell = self._ending and topic == "ellipsoids" and takes_all_away(data)
             again = topic == "segments" and self._is_again(data)
             # Markers have no time of their own.
@@ -113,6 +120,14 @@ class Recorder:
                 self._bag.write(f"/{topic}", self._time_ns, data)
             self.updates += topic == "segments" and not again
             self._changed.notify_all()
+
+    def _is_whole(self) -> bool:
+        last = self._stamps.get("segments")
+        return all(
+            self._stamps.get(topic) == last
+            for topic in STAMPED
+            if topic in self._stamps or topic != OPTIONAL
+        )
 
     def _is_again(self, data: bytes) -> bool:
         """Whether these segments came already, and come again for somebody else who is late."""
