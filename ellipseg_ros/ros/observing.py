@@ -5,7 +5,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from threading import Event
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -25,7 +22,7 @@ from ellipseg_ros.doctor.seen import Cloud, End, Graph, SegmenterSeen, Topic
 from ellipseg_ros.errors import EllipsegError, InputError
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.ros.cloud_input import BEST_EFFORT, RELIABLE
-from ellipseg_ros.ros.process import Spinner
+from ellipseg_ros.ros.guest import Guest
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 SEGMENTS = "ellipseg_ros/msg/SegmentArray"
@@ -36,7 +33,7 @@ LOOK = 0.1  # s between two looks at the graph: it tells of no change
 DEPTH = 100  # clouds kept while others are read
 
 
-class Observer:
+class Observer(Guest):
     """A node that looks and listens; a context manager.
 
     topic: of the clouds; empty: what the segmenter subscribes to, or `points`.
@@ -52,31 +49,16 @@ class Observer:
         self._clients: dict[str, Client] = {}  # that ask for them
         self._known: list[str] = []  # names of nodes at the last look
         self._news = time.monotonic()  # when they last changed
-        self._failed: list[BaseException] = []
-        self._context = Context()
         self._own = f"ellipseg_doctor_{os.getpid()}"
         try:
-            rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}"], context=self._context)
-            self.node = Node(self._own, context=self._context, start_parameter_services=False)
-            self._topic = self.node.resolve_topic_name(topic or "points")
+            super().__init__(self._own, ["--ros-args", "-r", f"__ns:={namespace}"])
         except Exception as error:  # of rcl, which has many
-            self._context.try_shutdown()
-            text = " ".join(str(error).split())
-            raise EllipsegError(f"no ROS node can be started: {text}") from error
-        self._spinner = Spinner(self.node, self._fail)
-
-    def __enter__(self) -> "Observer":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._spinner.stop()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+            raise _not_started(error) from error
+        try:
+            self._topic = self.node.resolve_topic_name(topic or "points")
+        except Exception as error:
+            self.close()
+            raise _not_started(error) from error
 
     def observe(self, seconds: float) -> Graph:
         """Look around, then listen for so many seconds; who is found late is met as well."""
@@ -94,10 +76,6 @@ class Observer:
                 self.node.destroy_subscription(clouds)
         return self._graph(seconds)
 
-    def _fail(self, error: BaseException | None) -> None:
-        if error is not None:
-            self._failed.append(error)
-
     def _wait(self, seconds: float, enough: Callable[[], bool]) -> bool:
         """Look again and again; False if there was not enough in that time."""
         end = time.monotonic() + seconds
@@ -106,8 +84,8 @@ class Observer:
             if time.monotonic() >= end:
                 return False
             pause.wait(min(LOOK, max(0.0, end - time.monotonic())))
-            if self._failed:
-                raise self._failed[0]
+            if self.failed:
+                raise self.failed[0]
         return True
 
     def _all_is_there(self) -> bool:
@@ -274,6 +252,10 @@ OTHERS = (
     "ellipseg_ros/msg/TuningCurve",
     "visualization_msgs/msg/MarkerArray",
 )
+
+
+def _not_started(error: Exception) -> EllipsegError:
+    return EllipsegError(f"no ROS node can be started: {' '.join(str(error).split())}")
 
 
 def _name(info: TopicEndpointInfo) -> str:

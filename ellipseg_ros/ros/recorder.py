@@ -4,17 +4,14 @@ from collections.abc import Callable
 from threading import Condition
 from typing import Protocol
 
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.ros.guest import Guest
 from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
-from ellipseg_ros.ros.process import Spinner
 
 STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
 OPTIONAL = "landmarks"  # not published if they are not looked for
@@ -31,8 +28,8 @@ class Sink(Protocol):
         """A cloud that was sent."""
 
 
-class Recorder:
-    """Subscribes to the segmenter's topics; a context manager, with a ROS context of its own.
+class Recorder(Guest):
+    """Subscribes to the segmenter's topics; a context manager.
 
     Messages go into the bag as the bytes that came, at the time of the update that they tell of.
     args: `--ros-args ...`, for a namespace.
@@ -49,19 +46,8 @@ class Recorder:
         self._ending = False
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
-        self._context = Context()
-        rclpy.init(args=args or [], context=self._context)
-        self._node = Node("ellipseg_recorder", context=self._context)
-        hear(self._node, self._on_message, self._on_match, self._on_diagnostics)
-        self._spinner = Spinner(self._node, self._fail)
-
-    def __enter__(self) -> "Recorder":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._spinner.stop()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        super().__init__("ellipseg_recorder", args or [])
+        hear(self.node, self._on_message, self._on_match, self._on_diagnostics)
 
     def write_points(self, sweep: Sweep) -> None:
         """Note a cloud that was sent."""
@@ -95,7 +81,7 @@ class Recorder:
         That it then takes all markers away is not recorded: the bag ends with them.
         """
         self._ending = True
-        client = self._node.create_client(Trigger, "ellipseg_segmenter/reset")
+        client = self.node.create_client(Trigger, "ellipseg_segmenter/reset")
         if not client.wait_for_service(timeout):
             raise EllipsegError("the node offers no service ~/reset; does it still run?")
         done: list[bool] = []
@@ -155,9 +141,9 @@ class Recorder:
             if not done():
                 raise EllipsegError(f"{otherwise.format(self.updates)} within {timeout:g} s")
 
-    def _fail(self, error: BaseException | None) -> None:
-        if error is not None:
-            self.stop(f"recording failed: {error}")
+    def fail(self, error: BaseException) -> None:
+        """Let what waits fail with it."""
+        self.stop(f"recording failed: {error}")
 
 
 def takes_all_away(data: bytes) -> bool:

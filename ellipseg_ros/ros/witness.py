@@ -5,17 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Condition
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
-from rclpy.node import Node
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.data import SECOND
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
-from ellipseg_ros.ros.process import Spinner
+from ellipseg_ros.ros.guest import Guest
 
 DEPTH = 100  # messages kept while others are dealt with
 
@@ -32,7 +29,7 @@ class Heard:
     in_step: bool  # whether the mirror was, after it
 
 
-class Witness:
+class Witness(Guest):
     """Subscribes to `segments`, `ellipsoids` and /diagnostics; a context manager.
 
     args: `--ros-args ...`, for a namespace. Its lists only grow.
@@ -46,33 +43,21 @@ class Witness:
         self.drawn: list[tuple[float, bool]] = []  # s; whether dead ones were on show meanwhile
         self.lifetimes: set[int] = set()  # s, of all markers
         self.said: list[tuple[float, str]] = []  # s; the one line of a segmenter's health
-        self._context = Context()
-        rclpy.init(args=args, context=self._context)
-        self._node = Node("ellipseg_witness", context=self._context)
+        super().__init__("ellipseg_witness", args)
         for kind, topic, call in (
             (SegmentArray, "segments", self._on_segments),
             (MarkerArray, "ellipsoids", self._on_markers),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics),
         ):
-            self._node.create_subscription(kind, topic, call, DEPTH)
-        self._failed: list[BaseException] = []
-        self._spinner = Spinner(self._node, self._fail)
-
-    def __enter__(self) -> "Witness":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._spinner.stop()
-        self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+            self.node.create_subscription(kind, topic, call, DEPTH)
 
     def wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
         """Wait until a message makes it true; raises EllipsegError after `timeout` s."""
         with self._changed:
-            if not self._changed.wait_for(lambda: done() or bool(self._failed), timeout):
+            if not self._changed.wait_for(lambda: done() or bool(self.failed), timeout):
                 raise EllipsegError(f"{otherwise} within {timeout:g} s")
-        if self._failed:
-            raise EllipsegError(f"listening failed: {self._failed[0]}")
+        if self.failed:
+            raise EllipsegError(f"listening failed: {self.failed[0]}")
 
     def since(self, moment: float) -> list[Heard]:
         """What has come on `segments` since then."""
@@ -108,12 +93,8 @@ class Witness:
             self._changed.notify_all()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        own = f"{self._node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
+        own = f"{self.node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
         with self._changed:
             now = time.monotonic()
             self.said += [(now, s.message) for s in message.status if s.name.startswith(own)]
             self._changed.notify_all()
-
-    def _fail(self, error: BaseException | None) -> None:
-        if error is not None:
-            self._failed.append(error)
