@@ -1,7 +1,7 @@
 """Files that are written whole or not at all, whatever stops the writing."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ellipseg_ros.errors import InputError
@@ -20,7 +20,8 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"{path} can't be written: {error.strerror or error}", "write") from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # where nothing can be, nothing is
+            part.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,6 +1,5 @@
 """What the scenes give. As a program it writes golden.json anew: python test/golden.py [DATA]."""
 
-import hashlib
 import json
 import sys
 from collections.abc import Iterator
@@ -9,13 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ellipseg_ros import simulator
-from ellipseg_ros.config import Config, ObjectsConfig
 from ellipseg_ros.data import SECOND, Sweep
-from ellipseg_ros.grouping import updates
-from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.reliability.sameness import CRITERIA, DURATION, digest, last_update
+from ellipseg_ros.reliability.sameness import SCENES as SIMULATED
 
 FILE = Path(__file__).with_name("golden.json")
-SIMULATED = ("woodland", "industrial", "roadway", "mixed")
 REAL = {  # every so manieth point, up to a time in s
     "kitti_2011_09_26_drive_0001": (8, 4.0),
     "lpm_car_rotating_sick": (2, np.inf),
@@ -23,8 +20,6 @@ REAL = {  # every so manieth point, up to a time in s
     "semantickitti_frame": (2, np.inf),
     "treeiso_lpine1_tls": (16, np.inf),
 }
-DURATION = 3.0  # s of driving
-CRITERIA = ("shape", "density", "parsimony")
 
 
 def simulated(name: str) -> list[Sweep]:
@@ -43,16 +38,6 @@ def real(folder: Path, name: str) -> list[Sweep]:
     return [Sweep(round(float(t.max()) * SECOND), p.astype(np.float64)) for p, t in parts]
 
 
-def last(sweeps: list[Sweep], criterion: str = "shape"):
-    """The last window."""
-    config = Config(criterion, objects=ObjectsConfig(enabled=criterion == "shape"))
-    segmenter = Segmenter(config)
-    found = None
-    for group in updates(sweeps, config):
-        found = segmenter.process(group)
-    return found
-
-
 def facts(found) -> dict[str, float]:
     """The numbers that another machine must come near to."""
     counts = found.counts
@@ -63,17 +48,6 @@ def facts(found) -> dict[str, float]:
         "objects": 0 if found.objects is None else len(found.objects),
         "aicc_per_point": round(found.aicc / counts.segmented, 6),
     }
-
-
-def digest(found) -> str:
-    """Labels, moments and objects, to the last bit; nothing that depends on the updates."""
-    sums = hashlib.sha256()
-    columns = [found.labels, *vars(found.ellipsoids).values()]
-    if found.objects is not None:
-        columns += [found.objects.of_segment, found.objects.low, found.objects.hierarchy.cost]
-    for column in columns:
-        sums.update(np.ascontiguousarray(column).tobytes())
-    return sums.hexdigest()
 
 
 def all_of_them(folder: Path) -> Iterator[tuple[str, str, list[Sweep]]]:
@@ -90,7 +64,7 @@ if __name__ == "__main__":
     there = Path(sys.argv[1] if sys.argv[1:] else FILE.parents[2] / "shared" / "data")
     golden = {}
     for scene, rule, drive in all_of_them(there):
-        window = last(drive, rule)
+        window = last_update(drive, rule)
         golden[f"{scene}, {rule}"] = facts(window)
         print(f"{scene}, {rule}: {digest(window)}")
     FILE.write_text(json.dumps(golden, indent=2) + "\n", encoding="utf-8")

@@ -179,6 +179,7 @@ def test_folders_and_files_are_looked_at(tmp_path: Path) -> None:
     assert found.prefixes == (str(tmp_path / "ours"),)
     assert found.missing_files == (str(tmp_path / "missing.xml"),)
     assert not environment.place(str(tmp_path / "file" / "log")).writable
+    assert environment.place(str(tmp_path / ("x" * 300))).writable  # looking at it is an error
 
 
 def test_a_good_graph_is_good() -> None:

@@ -6,6 +6,9 @@ import golden
 import pytest
 
 from ellipseg_ros.core import jit
+from ellipseg_ros.reliability import sameness
+from ellipseg_ros.reliability.promises import Trial
+from ellipseg_ros.reliability.sameness import CRITERIA, digest, in_pieces, last_update
 
 EXPECTED = json.loads(golden.FILE.read_text(encoding="utf-8"))
 # sin, cos and log differ between machines by an ulp: a merge here and there goes the other way.
@@ -26,16 +29,16 @@ def assert_golden(found, name):
 )
 def test_simulated_scenes_give_what_they_gave(name):
     scene, criterion = name.split(", ")
-    assert_golden(golden.last(golden.simulated(scene), criterion), name)
+    assert_golden(last_update(golden.simulated(scene), criterion), name)
 
 
 @pytest.mark.parametrize("scene", golden.REAL)
 def test_real_scenes_give_what_they_gave(scene, shared_data):
-    assert_golden(golden.last(golden.real(shared_data, scene)), f"{scene}, shape")
+    assert_golden(last_update(golden.real(shared_data, scene)), f"{scene}, shape")
 
 
 def test_every_golden_scene_is_compared():
-    names = {f"{scene}, {rule}" for scene in golden.SIMULATED for rule in golden.CRITERIA}
+    names = {f"{scene}, {rule}" for scene in golden.SIMULATED for rule in CRITERIA}
     names |= {f"{scene}, shape" for scene in golden.REAL}
     assert EXPECTED.keys() <= names
     assert {name.split(", ")[0] for name in EXPECTED} == {*golden.SIMULATED, *golden.REAL}
@@ -47,20 +50,26 @@ def with_threads(count, monkeypatch):
     monkeypatch.setattr(jit, "LEAST", 100)
 
 
-def in_pieces(sweeps, pieces):
-    """The same points in more clouds, of the same stamps."""
-    for sweep in sweeps:
-        for piece in range(pieces):
-            rows = slice(piece * len(sweep) // pieces, (piece + 1) * len(sweep) // pieces)
-            yield sweep.keep(rows)
-
-
-@pytest.mark.parametrize("criterion", golden.CRITERIA)
+@pytest.mark.parametrize("criterion", CRITERIA)
 def test_neither_threads_nor_chunks_change_a_bit(criterion, monkeypatch):
     sweeps = golden.simulated("industrial")
-    expected = golden.digest(golden.last(sweeps, criterion))
+    expected = digest(last_update(sweeps, criterion))
     for threads in (1, 2, 4):
         with_threads(threads, monkeypatch)
-        assert golden.digest(golden.last(sweeps, criterion)) == expected, threads
+        assert digest(last_update(sweeps, criterion)) == expected, threads
     for pieces in (2, 5):
-        assert golden.digest(golden.last(list(in_pieces(sweeps, pieces)), criterion)) == expected
+        assert digest(last_update(list(in_pieces(sweeps, pieces)), criterion)) == expected
+
+
+def test_the_trial_tells_what_is_not_the_same(monkeypatch):
+    digests = iter("aabaa")
+    monkeypatch.setattr(sameness, "_run", lambda *_: {"digests": next(digests)})
+    (promise,) = sameness.sameness(Trial(quick=True))
+    assert promise.figure == "4 of 5 runs the same" and not promise.kept
+
+
+def test_a_process_of_its_own_gives_the_same():
+    told = sameness._run(("roadway",), 2, 2)
+    sweeps = golden.simulated("roadway")
+    expected = {f"roadway, {rule}": digest(last_update(sweeps, rule)) for rule in CRITERIA}
+    assert told["digests"] == expected

@@ -185,8 +185,8 @@ def _soak(command: argparse.ArgumentParser) -> None:
         "subjects",
         nargs="*",
         metavar="SUBJECT",
-        help="hour, overload, inputs, files, kills, signals, disks, caches, company, strangers "
-        "(all of them)",
+        help="hour, overload, inputs, times, files, kills, signals, disks, caches, company, "
+        "strangers, sameness (all of them)",
     )
     command.add_argument("--quick", action="store_true", help="short versions, some minutes")
     command.add_argument("--seed", type=int, default=0, help="of everything that is drawn (0)")

@@ -59,14 +59,14 @@ def look(variables: Mapping[str, str], python: str, middleware: str) -> Environm
         logs=place(variables.get("ROS_LOG_DIR") or f"{home}/log"),
         shared_memory=place("/dev/shm") if Path("/dev/shm").is_dir() else None,
         receive_buffer=_number("/proc/sys/net/core/rmem_max"),
-        missing_files=tuple(path for path in named if not path or not Path(path).exists()),
+        missing_files=tuple(path for path in named if not path or not os.path.exists(path)),
     )
 
 
 def place(folder: str) -> Place:
-    """A folder, or the nearest one above it that exists, in which it would be made."""
+    """A folder, or the nearest one above it that can be seen, in which it would be made."""
     whole = Path(folder).expanduser().absolute()
-    nearest = next(one for one in (whole, *whole.parents) if one.exists())
+    nearest = next(one for one in (whole, *whole.parents) if os.path.exists(one))
     disk = os.statvfs(nearest)
     writable = nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)
     return Place(str(whole), writable, disk.f_bavail * disk.f_frsize)

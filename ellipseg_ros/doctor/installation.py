@@ -100,12 +100,12 @@ def _cache() -> Cache:
     import ellipseg_ros.core.jit  # noqa: F401, it sets CACHE_DIR
 
     folder = Path(config.CACHE_DIR)
-    nearest = next(place for place in (folder, *folder.parents) if place.exists())
+    nearest = next(place for place in (folder, *folder.parents) if os.path.exists(place))
     disk = os.statvfs(nearest)
     return Cache(
         folder=folder,
         writable=os.access(nearest, os.W_OK),
-        kernels=sum(1 for _ in folder.rglob("*.nbc")) if folder.exists() else 0,
+        kernels=sum(1 for _ in folder.rglob("*.nbc")) if os.path.exists(folder) else 0,
         free=disk.f_bavail * disk.f_frsize,
     )
 

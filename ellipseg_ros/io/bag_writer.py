@@ -1,4 +1,4 @@
-"""A bag that is whole while it is written: who is killed at it leaves what he had to tell."""
+"""A bag that is whole between two writes: who is killed leaves what he had to tell."""
 
 import shutil
 from collections.abc import Iterator
@@ -79,7 +79,9 @@ class BagWriter:
 
     rosbags writes the index and metadata.yaml, without which a bag can't be read, at the end.
     Here it ends the bag in memory, again and again; what came since the last time and the new
-    index then go into the file in one call, over the old index. Raises OSError.
+    index then go into the file in one call, over the old index. Who is killed within that call,
+    some milliseconds of every few hundred, leaves a file that `mcap recover` has to mend.
+    Raises OSError.
     """
 
     def __init__(self, path: Path) -> None:

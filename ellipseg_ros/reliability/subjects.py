@@ -13,12 +13,15 @@ from ellipseg_ros.reliability.hour import hour
 from ellipseg_ros.reliability.inputs import inputs
 from ellipseg_ros.reliability.overload import overload
 from ellipseg_ros.reliability.promises import Promise, Trial
+from ellipseg_ros.reliability.sameness import sameness
 from ellipseg_ros.reliability.strangers import strangers
+from ellipseg_ros.reliability.times import times
 
 SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "hour": ("An hour of driving", hour),
     "overload": ("More points than the machine can do", overload),
     "inputs": ("Odd input", inputs),
+    "times": ("Stamps", times),
     "files": ("Spoiled files", files),
     "kills": ("Killed programs", kills),
     "signals": ("SIGINT and SIGTERM", signals),
@@ -26,6 +29,7 @@ SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
     "caches": ("Compiled kernels on the disk", caches),
     "company": ("Other nodes and subscribers", company),
     "strangers": ("Calls of strangers", strangers),
+    "sameness": ("The same results", sameness),
 }
 
 

@@ -49,7 +49,7 @@ class AssociatorNode:
         self._parameters.on_change(self._take_parameters)
         self._file = Path(associator.map_file) if associator.map_file else None
         self._map = LandmarkMap(map_config)
-        if self._file and self._file.exists():
+        if self._file and _is_there(self._file):
             self._map.load(read_map(self._file))
         self._health = AssociatorHealth()
         self._associations = node.create_publisher(AssociationMessage, "associations", DEPTH)
@@ -145,6 +145,13 @@ class AssociatorNode:
     def _report(self) -> None:
         report = self._health.report(len(self._map.stored))
         self._diagnostics.publish(diagnostic_message(self.node, "association", report))
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:
+        return True  # reading it will tell what is wrong
 
 
 def main(args: list[str] | None = None) -> int:

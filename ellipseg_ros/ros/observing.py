@@ -26,6 +26,7 @@ from ellipseg_ros.ros.guest import Guest
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 SEGMENTS = "ellipseg_ros/msg/SegmentArray"
+TRIGGER = "std_srvs/srv/Trigger"
 SHOWN = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
 DISCOVERY = 5.0  # s that the others get to be found
 SETTLED = 0.5  # s without news after which all are found that will be
@@ -157,8 +158,10 @@ class Observer(Guest):
         """Ask for parameters; the answer comes while we listen, or never."""
 
         def answered(future: Any) -> None:
-            values = map(parameter_value_to_python, future.result().values)
-            self._parameters[name] = dict(zip(SHOWN, values, strict=True))
+            values = future.result().values
+            if len(values) == len(SHOWN):  # none of what is not known to that node
+                found = map(parameter_value_to_python, values)
+                self._parameters[name] = dict(zip(SHOWN, found, strict=True))
 
         request = GetParameters.Request(names=SHOWN)
         self._clients[name].call_async(request).add_done_callback(answered)
@@ -170,7 +173,7 @@ class Observer(Guest):
         return sorted(names)
 
     def _of(self, name: str, which: str, kind: str) -> list[str]:
-        """Topics of a type that a node publishes or subscribes to."""
+        """Topics of a type that a node publishes or subscribes to, or services that it offers."""
         space, _, base = name.rpartition("/")
         try:
             found = getattr(self.node, f"get_{which}_names_and_types_by_node")(base, space or "/")
@@ -179,8 +182,16 @@ class Observer(Guest):
         return [topic for topic, kinds in found if kind in kinds]
 
     def _segmenters(self) -> list[str]:
-        """Nodes that publish segments, by their full names."""
-        names = [name for name in set(self._others()) if self._of(name, "publisher", SEGMENTS)]
+        """Nodes that publish segments and can be reset, by their full names.
+
+        A bag that is played publishes segments as well.
+        """
+        names = [
+            name
+            for name in set(self._others())
+            if self._of(name, "publisher", SEGMENTS)
+            and f"{name}/reset" in self._of(name, "service", TRIGGER)
+        ]
         if self._namespace.strip("/"):
             names = [name for name in names if name.startswith(f"/{self._namespace.strip('/')}/")]
         return sorted(names)

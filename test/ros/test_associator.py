@@ -237,12 +237,15 @@ def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
         assert found.markers.wait(lambda m: m.markers[0].action == Marker.DELETEALL)
 
 
-def test_a_map_that_cannot_be_read_ends_the_start_in_one_line(domain, tmp_path):
-    path = tmp_path / "map.npz"
-    path.write_bytes(b"no map")
-    with running("associator_node", ["-p", f"map_file:={path}"], tmp_path / "log") as process:
+@pytest.mark.parametrize(
+    ("name", "why"), [("map.npz", "is no map of landmarks"), ("x" * 300, "cannot be read")]
+)
+def test_a_map_that_cannot_be_read_ends_the_start_in_one_line(domain, tmp_path, name, why):
+    (tmp_path / "map.npz").write_bytes(b"no map")
+    arguments = ["-p", f"map_file:={tmp_path / name}"]
+    with running("associator_node", arguments, tmp_path / "log") as process:
         assert process.wait() == 2
-        assert "is no map of landmarks" in process.said and "Traceback" not in process.said
+        assert why in process.said and "Traceback" not in process.said
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,13 @@ def test_a_topic_of_another_type(domain, examine):
     assert told(rows, "/points is published as std_msgs/msg/String") == "error"
 
 
+def test_a_bag_that_is_played_is_no_segmenter(domain, examine):
+    with stream(domain, "/points") as me:
+        me.node.create_publisher(SegmentArray, "/segments", 10)
+        _, rows = examine("--seconds", "0.5")
+    assert told(rows, "no segmenter runs") == "warn"
+
+
 def test_a_node_that_works(domain, examine, tmp_path):
     names = ["-r", "points:=cloud_registered"]
     with (
@@ -96,7 +103,7 @@ def test_a_node_that_works(domain, examine, tmp_path):
     ):
         segments = me.listen(SegmentArray, "/segments", raw=True)
         segments.wait_for(1)
-        code, rows = examine("--seconds", "2.5")
+        code, rows = examine("--seconds", "6")
         assert told(rows, "/cloud_registered is published by /peer") == "ok"
         assert told(rows, f"{NODE} says: ") in ("ok", "warn")
         assert told(rows, f"{NODE} is heard: segments by /peer") == "ok"
@@ -106,7 +113,7 @@ def test_a_node_that_works(domain, examine, tmp_path):
         assert told(rows, "no segmenter runs in the namespace /elsewhere") == "warn"
         with running("segmenter_node", names, tmp_path / "twin"):
             wait_for_nodes(me, 2)
-            code, rows = examine("--seconds", "0.2")
+            code, rows = examine("--seconds", "3")
         assert code == 1
         assert told(rows, "several nodes are named") == "error"
         assert process.alive()
@@ -139,7 +146,7 @@ def test_qos_that_does_not_match(domain, examine, tmp_path):
 
 def test_the_records_hold_what_came(domain):
     with stream(domain, "/front/points"), Observer("", "/front") as observer:
-        graph = observer.observe(1.5)
+        graph = observer.observe(4.0)
     assert graph.topic.name == "/front/points"
     assert [end.reliability for end in graph.topic.publishers] == ["reliable"]
     assert len(graph.clouds) >= 5
