@@ -1,12 +1,14 @@
 """Runs a node as a process: from the command line to a clean end."""
 
 import os
+import re
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Thread
 from typing import Protocol
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -63,27 +65,47 @@ class Spinner:
 def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
     """Keep a node until SIGINT, SIGTERM or its own end; return the exit code.
 
-    make: makes it, given the call that ends it; an EllipsegError is said in one line, code 2.
+    make: makes it, given the call that ends it. What is wrong with the arguments, and an
+    EllipsegError, then or later, is said in one line, code 2.
     A second signal changes nothing, and the process ends within 2 s of the first.
     """
     ending: SimpleQueue[BaseException | None] = SimpleQueue()  # may be filled by signal handlers
     farewell = Farewell(0, do=lambda: ending.put(None))
-    # rclpy's own handlers would end the context before the node can say farewell.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        # rclpy's own handlers would end the context before the node can say farewell.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except (RCLError, UnknownROSArgsError) as error:
+        return _failed(EllipsegError(in_one_line(error)))
     try:
         running = make(ending.put)
     except EllipsegError as error:
-        get_logger("ellipseg").fatal(str(error))
+        code = _failed(error)
         rclpy.shutdown()
-        return 2
+        return code
     spinner = Spinner(running.node, ending.put)
     reason = ending.get()
     finished = running.close()
     spinner.stop()
     running.node.destroy_node()
     rclpy.shutdown()
-    if reason is not None:
-        raise reason
+    code = 0 if reason is None else _failed(reason)
     if not finished:
-        os._exit(0)  # a kernel that compiles or runs can't be interrupted, and would delay the end
-    return farewell.end(0)
+        os._exit(code)  # a kernel that compiles or runs can't be interrupted: it delays the end
+    return farewell.end(code)
+
+
+def _failed(reason: BaseException) -> int:
+    """Say what ends the node; the exit code. What nobody expected keeps its traceback."""
+    if not isinstance(reason, EllipsegError):
+        raise reason
+    get_logger("ellipseg").fatal(str(reason))
+    return 2
+
+
+def in_one_line(error: RuntimeError) -> str:
+    """What ROS says of arguments or an environment that it doesn't take, without where."""
+    if isinstance(error, UnknownROSArgsError):
+        return f"ROS knows no arguments {error}; after --ros-args there may be -p, -r and the like"
+    text = " ".join(str(error).split()).replace(" ,", ",").replace(". Error: error not set", "")
+    text = re.sub(r", at [^\s,]+:\d+", "", text)
+    return f"ROS does not start: {text.removeprefix('failed to initialize rcl: ')}"

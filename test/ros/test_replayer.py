@@ -4,12 +4,14 @@ import signal
 
 import numpy as np
 import pytest
-from harness import nanoseconds, peer, running
+from harness import nanoseconds, peer, running, wall
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
 from ellipseg_ros.simulator import simulate
 
 STOP_WITHIN = 10.0  # s
@@ -72,3 +74,37 @@ def test_what_cannot_be_played_is_one_line_and_exit_code_2(domain, tmp_path, val
         assert process.wait() == 2
         (line,) = process.said.splitlines()
     assert complaint in line
+
+
+def test_a_bag_that_is_damaged_further_on_is_one_line_and_exit_code_2(domain, tmp_path):
+    bag = tmp_path / "damaged"
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        points = writer.add_connection("/points", "sensor_msgs/msg/PointCloud2", typestore=store)
+        good = bytes(write_sweep(wall(1.0)))
+        for stamp, data in enumerate((good, good, good[:100])):
+            writer.write(points, stamp, data)
+    arguments = settings(source=bag, wait="false", rate=0)
+    with running("replayer", arguments, tmp_path / "log") as process:
+        assert process.wait() == 2
+        assert "Traceback" not in process.said
+        (line,) = [line for line in process.said.splitlines() if "[FATAL]" in line]
+    assert str(bag) in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--params-file", "no/such.yaml"], "Couldn't parse params file: '--params-file no/such"),
+        (["-r", "__ns:=my-car"], "Couldn't parse remap rule: '-r __ns:=my-car'"),
+        (["--speed"], "ROS knows no arguments ['--speed']"),
+    ],
+)
+def test_arguments_that_ros_refuses_are_one_line_and_exit_code_2(
+    domain, tmp_path, arguments, complaint
+):
+    with running("replayer", arguments, tmp_path / "log") as process:
+        assert process.wait() == 2
+        assert "Traceback" not in process.said
+        (line,) = [line for line in process.said.splitlines() if "[FATAL]" in line]
+    assert complaint in line and "/project/src" not in line
