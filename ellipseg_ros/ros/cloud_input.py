@@ -1,6 +1,7 @@
 """The subscription of `points`: as reliable as its publishers are; lost clouds are noticed."""
 
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 from rclpy.event_handler import (
@@ -21,8 +22,9 @@ OVERLAP = 20  # clouds after which the old subscription goes in any case
 
 
 class CloudInput:
-    """Hands every cloud over, and tells how many were lost; for the thread of the callbacks.
+    """Hands every cloud over, and tells how many were lost, in the thread of the callbacks.
 
+    It may be made in another one while callbacks run already.
     take: gets each cloud. lost: gets how many are missing, whenever some are. Reliability `auto`:
     that of the publishers, best effort if one of them offers no other: large clouds sent best
     effort lose parts of themselves on the way, and best effort matches every publisher.
@@ -43,8 +45,11 @@ class CloudInput:
         self._number: int | None = None  # of the last cloud, by its publisher
         self._old: Subscription[Any] | None = None  # until the new one is known to hear all
         self._both: list[tuple[int, int | None]] = []  # what they have heard since, by any of them
-        self.reliability = self._wanted()
-        self._subscription = self._subscribe()
+        # A publisher may be found, and `_adapt` called, before `_subscribe` has returned.
+        self._choice = Lock()  # of reliability and subscription
+        with self._choice:
+            self.reliability = self._wanted()
+            self._subscription = self._subscribe()
 
     @property
     def _is_given(self) -> bool:
@@ -82,13 +87,14 @@ class CloudInput:
 
     def _adapt(self) -> None:
         """Subscribe anew if the publishers of now ask for another reliability."""
-        wanted = self._wanted()
-        if wanted == self.reliability:
-            return
-        self.reliability = wanted
-        if self._old is not None:
-            self._node.destroy_subscription(self._old)
-        self._old, self._subscription = self._subscription, self._subscribe()
+        with self._choice:
+            wanted = self._wanted()
+            if wanted == self.reliability:
+                return
+            self.reliability = wanted
+            if self._old is not None:
+                self._node.destroy_subscription(self._old)
+            self._old, self._subscription = self._subscription, self._subscribe()
         name = wanted.name.lower().replace("_", " ")
         self._node.get_logger().info(
             f"{self._topic}: {name}, as its publishers are", throttle_duration_sec=1.0

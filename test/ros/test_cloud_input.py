@@ -1,12 +1,14 @@
 """The node listens as its publishers speak: nothing is lost for want of reliability."""
 
 from contextlib import contextmanager
+from threading import Thread
 from types import SimpleNamespace
 
 import pytest
 import rclpy
 from harness import Inbox, peer, wall
 from rclpy.context import Context
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
@@ -101,3 +103,42 @@ def test_what_is_given_stays(given, me, ros_domain):
             if here.came.comes(lambda _: True, 0.5):
                 break
         assert here.came.messages and here.points.reliability.name.lower() == given
+
+
+class Early:
+    """Of a node: its publisher is found while `create_subscription` runs, in another thread."""
+
+    def __init__(self):
+        self.offered = RELIABLE
+        self.made = []
+        self.found = Thread(target=self._find)
+
+    def resolve_topic_name(self, name):
+        return name
+
+    def get_logger(self):
+        return get_logger("early")
+
+    def get_publishers_info_by_topic(self, topic):
+        return [SimpleNamespace(qos_profile=SimpleNamespace(reliability=self.offered))]
+
+    def create_subscription(self, kind, topic, call, qos, event_callbacks):
+        self.made.append(qos.reliability)
+        if len(self.made) == 1:
+            self.offered, self._events = BEST_EFFORT, event_callbacks
+            self.found.start()
+            self.found.join(0.2)  # it may have to wait for us
+        return len(self.made)
+
+    def _find(self):
+        self._events.matched(SimpleNamespace(current_count_change=1))
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_publisher_that_is_found_while_it_subscribes_is_adapted_to():
+    node = Early()
+    points = CloudInput(node, NodeConfig(), None, None)
+    node.found.join()
+    assert node.made == [RELIABLE, BEST_EFFORT]
+    assert points.reliability == BEST_EFFORT
+    assert (points._old, points._subscription) == (1, 2)
