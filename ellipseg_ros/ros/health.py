@@ -103,10 +103,17 @@ class Health:
         """DDS has lost clouds on the way."""
         self._add("lost", clouds)
 
-    def overloaded(self, joined: int, given_up: int) -> None:
-        """Updates were taken together with others, or given up before a restart."""
+    def overloaded(
+        self, joined: int, given_up: int, points_given_up: int = 0, crowded_out: int = 0
+    ) -> None:
+        """Updates were taken together with others, or given up before a restart.
+
+        Points: of those given up; and of those that expired early, before their update.
+        """
         self._add("joined", joined)
         self._add("given up", given_up)
+        self._add("points given up", points_given_up)
+        self._add("crowded out", crowded_out)
 
     def _add(self, name: str, count: int) -> None:
         with self._lock:
@@ -223,6 +230,7 @@ class Health:
             "clouds lost by DDS": str(total["lost"]),
             "points late": str(total["late"]),
             "points expired early": str(total["crowded out"]),
+            "points given up": str(total["points given up"]),
             "updates": str(total["updates"]),
             "updates waiting": str(waiting),
             "updates joined": str(total["joined"]),

@@ -1,6 +1,7 @@
 """The node `ellipseg_segmenter`: subscribes, converts, hands over, reports."""
 
 import time
+from dataclasses import asdict
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
@@ -103,7 +104,7 @@ class SegmenterNode:
             update = Update(group, self._config, self._shown, arrived, reason=self._reason)
             overload = self._backlog.put(update, self._shown.max_backlog)
             if overload is not None:
-                self._health.overloaded(overload.joined, overload.given_up)
+                self._health.overloaded(**asdict(overload))
                 self._log.warning(
                     "too slow for these clouds: updates are taken together; segments stay exact, "
                     "ids may differ from a slower replay (max_points_per_second thins the clouds)",

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.core.window import Window
+from ellipseg_ros.data import Sweep, join_sweeps
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Overload, Reset, ShowAll, Update
 
@@ -66,7 +67,7 @@ def test_updates_before_a_restart_are_given_up_not_joined_over_it(restart):
     backlog = Backlog()
     for task in (update(1), update(2), restart, update(4)):
         said = backlog.put(task, 3 if isinstance(restart, Update) else 2)
-    assert said.given_up == 2
+    assert (said.given_up, said.points_given_up) == (2, 4)
     left = drain(backlog)
     if isinstance(restart, Reset):
         assert left[0] is restart
@@ -74,6 +75,48 @@ def test_updates_before_a_restart_are_given_up_not_joined_over_it(restart):
     else:
         assert [task.sweep.restart for task in left] == ["a jump"]
         assert left[0].sweep.times_ns.tolist() == [3, 3, 4, 4]
+
+
+def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
+    backlog, config = Backlog(), Config(max_points=7, window_duration=100.0)
+    groups = [update(stamp, max_points=7, window_duration=100.0) for stamp in range(1, 21)]
+    groups[0] = replace(groups[0], sweep=replace(groups[0].sweep, restart="a jump"))
+    said = [backlog.put(group, 1) for group in groups]
+    (joined,) = drain(backlog)
+    assert len(joined.sweep) == 8  # whole groups
+    assert (joined.groups, joined.arrived, joined.sweep.restart) == (20, 17.0, "a jump")
+    whole, bounded = Window(), Window()
+    of_all = whole.push(join_sweeps([group.sweep for group in groups]), config).crowded_out
+    of_rest = bounded.push(joined.sweep, config).crowded_out
+    assert sum(one.crowded_out for one in said[1:]) + of_rest == of_all
+    assert bounded.points.position.tolist() == whole.points.position.tolist()
+    assert bounded.points.times_ns.tolist() == whole.points.times_ns.tolist()
+
+
+@pytest.mark.parametrize("limits", [{"max_points": 10}, {"max_points": 10**9}, {"max_points": 0}])
+def test_what_waits_is_bounded_by_the_window_and_by_its_bytes(limits, monkeypatch):
+    monkeypatch.setattr("ellipseg_ros.ros.backlog.MOST_BYTES", 40)
+    backlog = Backlog()
+    for stamp in range(1, 101):
+        group = update(stamp, **limits)
+        fields = np.zeros(2, [("x", "f4")])  # 4 bytes a point
+        backlog.put(replace(group, sweep=replace(group.sweep, fields=fields)), 2)
+    left = sum(len(task.sweep) for task in drain(backlog))
+    assert left == 200 if limits["max_points"] == 0 else 10 <= left <= 12
+
+
+def test_groups_are_joined_once_when_it_is_their_turn(monkeypatch):
+    lengths = []
+    monkeypatch.setattr(
+        "ellipseg_ros.ros.backlog.join_sweeps",
+        lambda sweeps: lengths.append(len(sweeps)) or join_sweeps(sweeps),
+    )
+    backlog = Backlog()
+    for stamp in range(100):
+        backlog.put(update(stamp), 1)
+    assert lengths == []
+    drain(backlog)
+    assert lengths == [100]
 
 
 def test_it_cannot_grow_by_restarts_alone():

@@ -106,7 +106,7 @@ def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
     found = ready()
     found.cloud()
     found.lost(3)
-    found.overloaded(joined=2, given_up=1)
+    found.overloaded(joined=2, given_up=1, points_given_up=700)
     report = found.report(0)
     assert report.level == WARN
     assert report.message == (
@@ -114,8 +114,18 @@ def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
     )
     later = found.report(0)
     assert later.level == OK
-    told = [later.values[f"{name}"] for name in ("clouds lost by DDS", "updates joined")]
-    assert told == ["3", "2"]
+    names = ("clouds lost by DDS", "updates joined", "updates given up", "points given up")
+    assert [later.values[name] for name in names] == ["3", "2", "1", "700"]
+
+
+def test_points_that_expired_before_their_update_are_told_with_the_others(clock):
+    found = ready()
+    found.cloud()
+    found.overloaded(joined=1, given_up=0, crowded_out=30)
+    found.updated(window(crowded_out=10), 0.1, 0.2)
+    report = found.report(0)
+    assert "max_points reached: 40 points expired early" in report.message
+    assert report.values["points expired early"] == "40"
 
 
 def test_times_are_those_of_the_last_hundred_updates(clock):
