@@ -202,6 +202,7 @@ class Config(Checked):
         unit="points",
         low=0,
         high=1_000_000_000,
+        live=False,  # nobody in the same network can lift the bound
     )
     graph: GraphConfig = field(default_factory=GraphConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -336,6 +337,7 @@ class NodeConfig(Checked):
         "updates that may wait before they are taken together; 0: never taken together",
         low=0,
         high=1000,
+        live=False,  # likewise: without it anything may wait
     )
     full_segments_period: float = setting(
         0.0,

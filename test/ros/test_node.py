@@ -266,6 +266,8 @@ def test_every_setting_is_a_parameter_that_explains_itself(node):
         ("criterion", "shapes", "it must be one of shape, density, parsimony"),
         ("window_duration", "long", "expected 'Type.DOUBLE' got 'Type.STRING'"),
         ("input_depth", 5, "read-only parameter: input_depth"),
+        ("max_points", 0, "read-only parameter: max_points"),
+        ("max_backlog", 0, "read-only parameter: max_backlog"),
     ],
 )
 def test_a_bad_value_is_refused_with_a_reason(node, name, value, reason):
