@@ -10,7 +10,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from ellipseg_ros.association import associate, warm_up
 from ellipseg_ros.config import AssociationConfig, AssociatorConfig, MapConfig, flatten
@@ -25,7 +25,7 @@ from ellipseg_ros.ros.associations import association_markers, association_messa
 from ellipseg_ros.ros.associator_health import AssociatorHealth
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.limits import Share
-from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, send
+from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, everything_goes, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 
@@ -66,7 +66,7 @@ class AssociatorNode:
     def close(self) -> bool:
         """Take the lines away; False if the kernels are still being compiled."""
         self._starter.join(PATIENCE)
-        self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+        self._markers.publish(everything_goes())
         self._markers.wait_for_all_acked(FAREWELL)
         return not self._starter.is_alive()
 

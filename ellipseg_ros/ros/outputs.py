@@ -1,6 +1,7 @@
 """The topics that the segmenter publishes; nothing is built for one without subscribers."""
 
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 from rclpy.duration import Duration
@@ -21,7 +22,7 @@ FAREWELL = Duration(seconds=0.2)  # that subscribers get to acknowledge the last
 
 
 class Outputs:
-    """Publishes what was found; for one thread.
+    """Publishes what was found; for one thread, but for `farewell` and `rivals`.
 
     new_viewer, new_listener: called, in the thread of the callbacks, when somebody subscribes to
     `ellipsoids`, and to `segments`.
@@ -45,18 +46,20 @@ class Outputs:
         self._markers = Markers(NodeConfig())
         self._stream = SegmentStream(NodeConfig())
         self._latest: Segmentation | None = None
+        self._sending = Lock()
+        self._closed = False  # changes while nothing is sent
 
     def publish(self, found: Segmentation, shown: NodeConfig) -> None:
         """Send an update; `segments` comes last, so that it tells that all is sent."""
         self._latest = found
         self._markers.configure(shown)
         self._stream.configure(shown)
-        send(self._points, lambda: write_labelled(found))
-        send(self._ellipsoids, lambda: self._markers.update(found))
+        self._send(self._points, lambda: write_labelled(found))
+        self._send(self._ellipsoids, lambda: self._markers.update(found))
         landmarks = found.landmarks
         if landmarks is not None:
-            send(self._landmarks, lambda: write_landmarks(found, landmarks))
-        send(self._segments, lambda: self._stream.update(found))
+            self._send(self._landmarks, lambda: write_landmarks(found, landmarks))
+        self._send(self._segments, lambda: self._stream.update(found))
 
     def greet(self) -> None:
         """Somebody new looks: show all, and before the first update take away what a node left
@@ -78,23 +81,42 @@ class Outputs:
         """Send every marker again."""
         found = self._latest
         if found is not None:
-            send(self._ellipsoids, lambda: self._markers.update(found, everything=True))
+            self._send(self._ellipsoids, lambda: self._markers.update(found, everything=True))
 
     def list_all(self) -> None:
         """Send the last update on `segments` again, in full, if it went out as changes."""
         found = self._latest
         if found is not None and not self._stream.full:
-            send(self._segments, lambda: write_segments(found))
+            self._send(self._segments, lambda: write_segments(found))
 
     def clear(self) -> None:
         """Take all markers away."""
         self._latest = None
-        send(self._ellipsoids, lambda: MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+        self._send(self._ellipsoids, everything_goes)
 
     def farewell(self) -> None:
-        """Take all markers away, and wait a moment for the subscribers to hear of it."""
-        self.clear()
+        """Take all markers away, and wait a moment for the subscribers to hear of it.
+
+        For any thread. What another one is about to send is not sent any more.
+        """
+        with self._sending:
+            self._closed = True
+        send(self._ellipsoids, everything_goes)
         self._ellipsoids.wait_for_all_acked(FAREWELL)
+
+    def _send(self, publisher: Any, write: Callable[[], Any]) -> None:
+        """Like `send`, until the farewell; that needn't wait for the writing."""
+        if self._closed or not publisher.get_subscription_count():
+            return
+        message = write()
+        with self._sending:
+            if not self._closed:
+                publisher.publish(message)
+
+
+def everything_goes() -> MarkerArray:
+    """A message that takes all markers away."""
+    return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
 def _when_matched(newcomer: Callable[[], object]) -> PublisherEventCallbacks:

@@ -29,6 +29,7 @@ from ellipseg_ros.ros.worker import Around, Worker
 from ellipseg_ros.stamps import Stamps
 
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
+BRIEF = 0.1  # s that the tuner gets: it ends at once, or is at a tuning that takes long
 FRAMES = 10  # that are warned of, once each: a stranger can think of any number
 
 
@@ -73,11 +74,15 @@ class SegmenterNode:
         self._tuning.tuner.start()
 
     def close(self) -> bool:
-        """Take the markers away and end the worker; False if it is still at an update."""
+        """Take the markers away and end the threads; False if one is still at work.
+
+        An update that comes too late is not published.
+        """
         self._backlog.close()
         self._tuning.tuner.close()
         self._worker.join(PATIENCE)
         self._outputs.farewell()
+        self._tuning.tuner.join(BRIEF)
         return not (self._worker.is_alive() or self._tuning.tuner.is_alive())
 
     def _subscribe(self) -> None:

@@ -82,6 +82,8 @@ class Worker(Thread):
                 self._config = task.config
             found = self._segmenter.process(task.sweep)
             processed = time.monotonic()
+            if self._around.backlog.closed:
+                return
             if found.restart:
                 self._tell_restart(found.restart)
             self._around.outputs.publish(found, task.shown)

@@ -4,13 +4,15 @@ import itertools
 import signal
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import reduce
+from threading import Event, Timer
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import SECOND, nanoseconds, peer, running, wall
+from harness import LIMIT, SECOND, nanoseconds, peer, running, wall
 from rcl_interfaces.msg import ParameterType
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -458,6 +460,50 @@ def test_clouds_that_a_full_queue_has_dropped_are_counted(inside, domain):
         with spinning(inside):
             _, lost = told(lambda came, lost: came + lost == 51)
     assert lost > 0
+
+
+@pytest.mark.parametrize("late", ["_worker._segmenter.process", "_outputs._markers.update"])
+def test_an_update_that_is_late_for_the_farewell_brings_no_markers_back(
+    late, inside, domain, monkeypatch
+):
+    *path, name = late.split(".")
+    owner = reduce(getattr, path, inside)
+    begun, may_end, work = Event(), Event(), getattr(owner, name)
+
+    def slow(*args, **options):
+        begun.set()
+        assert may_end.wait(LIMIT)
+        return work(*args, **options)
+
+    monkeypatch.setattr(owner, name, slow)
+    with peer(domain, "/inside") as me:
+        points = me.speak(PointCloud2, "points")
+        markers, segments = (
+            me.listen(MarkerArray, "ellipsoids"),
+            me.listen(SegmentArray, "segments"),
+        )
+        with spinning(inside):
+            points.send(wall(1.0))
+            points.send(wall(2.0))
+            assert begun.wait(LIMIT)
+        assert not inside.close()
+        may_end.set()
+        inside._worker.join(LIMIT)
+        inside._outputs._ellipsoids.publish(MarkerArray())  # the last, which is no farewell
+        markers.wait(lambda message: not message.markers)
+    drawn = [actions(message) for message in markers.messages]
+    assert [Marker.DELETEALL] in drawn and not any(Marker.ADD in one for one in drawn)
+    assert segments.messages == []
+
+
+def test_a_tuner_that_ends_a_moment_later_has_ended(inside, monkeypatch):
+    tuner, farewell = inside._tuning.tuner, inside._outputs.farewell
+    close = tuner.close
+    monkeypatch.setattr(tuner, "close", lambda: None)
+    late = Timer(0.02, close)
+    monkeypatch.setattr(inside._outputs, "farewell", lambda: (farewell(), late.start()))
+    assert inside.close()
+    monkeypatch.undo()
 
 
 # --- starting and stopping -------------------------------------------------------------------
