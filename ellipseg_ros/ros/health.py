@@ -49,7 +49,8 @@ class Health:
         self._lock = Lock()
         self._total: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
-        self._rejected: Counter[str] = Counter()
+        self._rejected: Counter[str] = Counter()  # by reason
+        self._reported_reasons: Counter[str] = Counter()
         self._began = self._reported_at = time.monotonic()
         self._heard_at = self._began
         self._ready = False
@@ -94,10 +95,19 @@ class Health:
             self._total["gaps"] = gaps
 
     def rejected(self, reason: str) -> None:
-        """A cloud, or a group of them, could not be used."""
+        """A cloud could not be used."""
         with self._lock:
-            self._total["rejected"] += 1
-            self._rejected[reason] += 1
+            self._total["refused"] += 1
+            self._count_rejected(reason)
+
+    def group_rejected(self, reason: str) -> None:
+        """Clouds that were good when they came could not be used together; counts as one."""
+        with self._lock:
+            self._count_rejected(reason)
+
+    def _count_rejected(self, reason: str) -> None:
+        self._total["rejected"] += 1
+        self._rejected[reason] += 1
 
     def lost(self, clouds: int) -> None:
         """DDS has lost clouds on the way."""
@@ -160,6 +170,7 @@ class Health:
             rate = new["clouds"] / max(now - self._reported_at, 1e-9)
             level, message = self._judge(new, now)
             self._reported, self._reported_at = self._total.copy(), now
+            self._reported_reasons = self._rejected.copy()
             ages = self._ages(now, now_ns)
             return Report(level, message, {**self._values(rate, waiting), **ages})
 
@@ -167,8 +178,9 @@ class Health:
         busy = self._busy(now)
         if busy > STUCK:
             return ERROR, f"an update has been under way for {busy:.0f} s"
-        if new["clouds"] and new["rejected"] >= new["clouds"]:
-            return ERROR, f"every cloud is rejected: {', '.join(sorted(self._rejected))}"
+        if new["clouds"] and new["refused"] >= new["clouds"]:
+            reasons = sorted(self._rejected - self._reported_reasons)
+            return ERROR, f"every cloud is rejected: {', '.join(reasons)}"
         warnings = self._about_input(now - self._heard_at)
         for name in ("rejected", "lost"):
             if new[name]:

@@ -101,7 +101,7 @@ class Worker(Thread):
             self._around.logger.warning(f"the window begins anew: {reason}")
 
     def _start_anew(self, error: InputError) -> None:
-        self._around.health.rejected(error.reason)
+        self._around.health.group_rejected(error.reason)
         self._around.logger.warning(f"clouds rejected: {error}", throttle_duration_sec=5.0)
         self._segmenter.reset(str(error))
         self._around.tuner.forget()

@@ -102,6 +102,23 @@ def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
     assert report.values["clouds rejected"] == "2"
 
 
+def test_the_reasons_of_an_error_are_those_of_its_time(clock):
+    found = ready()
+    for reason in ("no_xyz", "stamp"):
+        found.cloud()
+        found.rejected(reason)
+        assert found.report(0).message == f"every cloud is rejected: {reason}"
+
+
+def test_a_group_that_is_rejected_says_nothing_of_the_clouds_that_come(clock):
+    found = ready()
+    found.cloud()
+    found.group_rejected("fields")
+    report = found.report(0)
+    assert (report.level, report.message) == (WARN, "1 clouds rejected")
+    assert report.values["clouds rejected: fields"] == "1"
+
+
 def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
     found = ready()
     found.cloud()
