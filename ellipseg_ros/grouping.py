@@ -43,7 +43,10 @@ class Grouping:
         self._most = config.max_points or math.inf
 
     def push(self, sweep: Sweep) -> list[Sweep]:
-        """Take one message; return the groups that it completes: none or one."""
+        """Take one message; return the groups that it completes: none or one, rarely two.
+
+        Two: a restart ends the group before it, and the message alone is more than `max_points`.
+        """
         done: list[Sweep] = []
         before = self._before
         restart = sweep.restart or (why_restart(before, sweep, self._lateness) if before else "")

@@ -72,6 +72,12 @@ def test_while_stamps_stand_still_a_group_is_closed_when_it_is_as_large_as_a_win
     assert len(list(updates(nothing, config))) == 3
 
 
+def test_a_restart_by_a_message_as_large_as_a_window_completes_two_groups():
+    grouping = Grouping(Config(max_points=10))
+    assert grouping.push(Sweep(9 * SECOND, np.zeros((4, 3)))) == []
+    assert [len(group) for group in grouping.push(Sweep(0, np.zeros((11, 3))))] == [4, 11]
+
+
 def test_a_group_that_cannot_be_joined_is_dropped_whole():
     grouping = Grouping(CONFIG)
     a = Sweep(0, np.zeros((1, 3)), fields=np.zeros(1, [("a", "f4")]))

@@ -24,7 +24,7 @@ from ellipseg_ros.msg import LandmarkArray
 from ellipseg_ros.ros.associations import association_markers, association_message
 from ellipseg_ros.ros.associator_health import AssociatorHealth
 from ellipseg_ros.ros.diagnostics import diagnostic_message
-from ellipseg_ros.ros.limits import Share
+from ellipseg_ros.ros.limits import Share, throttled
 from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, everything_goes, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
@@ -95,7 +95,7 @@ class AssociatorNode:
             found = associate(known.landmarks, live, self._config)
         except InputError as error:
             self._health.rejected(str(error))
-            self._log.warning(f"landmarks rejected: {error}", throttle_duration_sec=5.0)
+            self._log.warning(f"landmarks rejected: {error}", **throttled())
             return
         if found.verdict.tells:
             self._map.recognized(live.ids[found.pairs[:, 1]])

@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.config import NodeConfig
+from ellipseg_ros.ros.limits import throttled
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 FIXED = {"reliable": RELIABLE, "best_effort": BEST_EFFORT}
@@ -97,7 +98,7 @@ class CloudInput:
             self._old, self._subscription = self._subscription, self._subscribe()
         name = wanted.name.lower().replace("_", " ")
         self._node.get_logger().info(
-            f"{self._topic}: {name}, as its publishers are", throttle_duration_sec=1.0
+            f"{self._topic}: {name}, as its publishers are", **throttled(1.0)
         )
 
     def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:

@@ -4,6 +4,20 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def throttled(seconds: float = 5.0) -> dict[str, Any]:
+    """For a call of a logger: the line of that call comes once in so many seconds at most.
+
+    rclpy would ask the clock of the system, and be silent for an hour that it is set back.
+    """
+    return {"throttle_duration_sec": seconds, "throttle_time_source_type": STEADY}
 
 
 class Quota:

@@ -10,6 +10,7 @@ from std_srvs.srv import Trigger
 from ellipseg_ros.data import SECOND
 from ellipseg_ros.msg import TuningCurve
 from ellipseg_ros.ros.health import Health
+from ellipseg_ros.ros.limits import throttled
 from ellipseg_ros.ros.tuner import Tuned, Tuner
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.live import Hysteresis, Verdict, at_once, report
@@ -68,7 +69,7 @@ class LiveTuning:
     def _by_itself(self, tuned: Tuned) -> None:
         problem = self._problem(tuned)
         if tuned.curve is None or problem:
-            self._node.get_logger().warning(f"no tuning: {problem}", throttle_duration_sec=5.0)
+            self._node.get_logger().warning(f"no tuning: {problem}", **throttled())
             return
         verdict = self._hysteresis.judge(tuned.curve, tuned.config.tau)
         self._carry_out(tuned, tuned.curve, verdict, BY_ITSELF)

@@ -21,6 +21,7 @@ from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.health import Health
+from ellipseg_ros.ros.limits import throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
@@ -102,7 +103,7 @@ class SegmenterNode:
             self._hand_over(self._grouping.push(sweep), arrived)
         except InputError as error:
             self._health.rejected(error.reason)
-            self._log.warning(f"cloud rejected: {error}", throttle_duration_sec=5.0)
+            self._log.warning(f"cloud rejected: {error}", **throttled())
 
     def _hand_over(self, groups: list[Sweep], arrived: float) -> None:
         for group in groups:
@@ -113,7 +114,7 @@ class SegmenterNode:
                 self._log.warning(
                     "too slow for these clouds: updates are taken together; segments stay exact, "
                     "ids may differ from a slower replay (max_points_per_second thins the clouds)",
-                    throttle_duration_sec=5.0,
+                    **throttled(),
                 )
 
     def _look_at_frame(self, frame_id: str) -> None:
@@ -126,7 +127,7 @@ class SegmenterNode:
     def _look_at_stamp(self, sweep: Sweep) -> None:
         config = self._config
         if text := self._stamps.look(sweep, config.window_duration, config.max_lateness):
-            self._log.warning(text, throttle_duration_sec=5.0)
+            self._log.warning(text, **throttled())
         self._health.stamps(self._stamps.still, self._stamps.gaps)
 
     def _lost(self, clouds: int) -> None:
@@ -134,7 +135,7 @@ class SegmenterNode:
         self._log.warning(
             f"{clouds} clouds were lost on the way; a reliable publisher, or a larger "
             "input_depth, may help",
-            throttle_duration_sec=5.0,
+            **throttled(),
         )
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -162,7 +163,7 @@ class SegmenterNode:
             self._log.warning(
                 f"{self._health.rivals} other nodes publish `segments` in this namespace: what is "
                 "told gets mixed up; give each a namespace (one that was killed counts for 20 s)",
-                throttle_duration_sec=5.0,
+                **throttled(),
             )
 
     def _report(self) -> None:

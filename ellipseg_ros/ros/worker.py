@@ -11,7 +11,7 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Task, Update
 from ellipseg_ros.ros.health import Health
-from ellipseg_ros.ros.limits import Quota
+from ellipseg_ros.ros.limits import Quota, throttled
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.ros.tuner import Tuner
@@ -102,7 +102,7 @@ class Worker(Thread):
 
     def _start_anew(self, error: InputError) -> None:
         self._around.health.group_rejected(error.reason)
-        self._around.logger.warning(f"clouds rejected: {error}", throttle_duration_sec=5.0)
+        self._around.logger.warning(f"clouds rejected: {error}", **throttled())
         self._segmenter.reset(str(error))
         self._around.tuner.forget()
         self._around.outputs.clear()

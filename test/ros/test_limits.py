@@ -1,11 +1,14 @@
 """Bounds on what a flood can cost."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from rclpy.clock_type import ClockType
+from rclpy.logging import get_logger
 
 from ellipseg_ros.ros import limits
-from ellipseg_ros.ros.limits import Quota, Share
+from ellipseg_ros.ros.limits import Quota, Share, throttled
 
 
 @pytest.fixture
@@ -56,3 +59,19 @@ def test_a_flood_gets_its_share_and_no_more(clock):
             work(share, clock, 0.5)
             done += 0.5
     assert done == pytest.approx(0.1 * 1000.0, rel=0.03)
+
+
+def test_a_throttled_line_comes_once_and_each_call_of_the_logger_is_one_of_its_own(capfd):
+    logger = get_logger("throttled")
+    for _ in range(3):
+        logger.warning("one", **throttled(60.0))
+        logger.warning("other", **throttled(60.0))
+    said = capfd.readouterr().err
+    assert (said.count("]: one"), said.count("]: other")) == (1, 1)
+
+
+def test_no_line_is_throttled_by_a_clock_that_can_be_set():
+    assert throttled()["throttle_time_source_type"].clock_type == ClockType.STEADY_TIME
+    folder = Path(limits.__file__).parent
+    using = [path.name for path in folder.glob("*.py") if "throttle_" in path.read_text()]
+    assert using == ["limits.py"]
