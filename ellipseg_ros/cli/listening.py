@@ -4,11 +4,10 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from threading import Condition, Thread
+from threading import Thread
 from typing import Any
 
-from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.news import News
 
 START = "import sys; from ellipseg_ros.ros.listener import main; sys.exit(main())"
 TOPICS = 4
@@ -20,9 +19,8 @@ class Listening:
 
     def __init__(self, ros_args: list[str]) -> None:
         self._args = ros_args
-        self._changed = Condition()
+        self._changed = News()
         self._matched: set[str] = set()
-        self._gone = ""
         self.updates: dict[int, int] = {}  # stamp of an update, ns: when its segments came
         self.diagnostics: dict[str, str] = {}  # the latest
 
@@ -64,33 +62,23 @@ class Listening:
 
     def give_up(self, reason: str) -> None:
         """Let everything that waits fail with `reason`; for any thread."""
-        with self._changed:
-            self._gone = self._gone or reason
-            self._changed.notify_all()
+        self._changed.give_up(reason)
 
     def wait_for_topics(self, timeout: float) -> None:
         """Wait until all topics are published; raises EllipsegError after `timeout` s."""
-        self._wait(lambda: len(self._matched) == TOPICS, timeout, "nothing is published")
+        self._changed.expect(lambda: len(self._matched) == TOPICS, timeout, "nothing is published")
 
     def wait_for_update(self, stamp_ns: int, timeout: float) -> int:
         """When the update of this stamp came, ns; raises EllipsegError after `timeout` s."""
-        self._wait(lambda: stamp_ns in self.updates, timeout, "an update has not come")
+        self._changed.expect(lambda: stamp_ns in self.updates, timeout, "an update has not come")
         return self.updates[stamp_ns]
 
     def next_report(self, timeout: float) -> dict[str, str]:
         """What the segmenter's /diagnostics say from now on; raises EllipsegError likewise."""
         with self._changed:
             self.diagnostics = {}
-        self._wait(lambda: bool(self.diagnostics), timeout, "no /diagnostics have come")
+        self._changed.expect(lambda: bool(self.diagnostics), timeout, "no /diagnostics have come")
         return self.diagnostics
-
-    def _wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        with self._changed:
-            self._changed.wait_for(lambda: done() or bool(self._gone), timeout)
-            if self._gone:
-                raise EllipsegError(self._gone)
-            if not done():
-                raise EllipsegError(f"{otherwise} within {timeout:g} s")
 
     def _read(self) -> None:
         assert self._process.stdout is not None  # a pipe

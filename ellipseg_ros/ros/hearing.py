@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Callable
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
@@ -36,10 +36,8 @@ def hear(
         on_match(topic, event.current_count)
 
     def diagnosed(msg: DiagnosticArray) -> None:
-        own = f"{node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
-        for status in msg.status:
-            if status.name.startswith(own):
-                on_diagnostics({item.key: item.value for item in status.values})
+        for status in of_segmenter(node, msg):
+            on_diagnostics({item.key: item.value for item in status.values})
 
     for topic, kind in TOPICS.items():
         node.create_subscription(
@@ -53,6 +51,12 @@ def hear(
             ),
         )
     node.create_subscription(DiagnosticArray, "/diagnostics", diagnosed, DEPTH)
+
+
+def of_segmenter(node: Node, msg: DiagnosticArray) -> list[DiagnosticStatus]:
+    """What the segmenter in the node's namespace says in it, if it is of him."""
+    own = f"{node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
+    return [status for status in msg.status if status.name.startswith(own)]
 
 
 def update_number(data: bytes) -> int:

@@ -1,7 +1,6 @@
 """Writes what the segmenter publishes into a bag, or elsewhere, as it comes."""
 
 from collections.abc import Callable
-from threading import Condition
 from typing import Protocol
 
 from rclpy.serialization import deserialize_message
@@ -10,6 +9,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.news import News
 from ellipseg_ros.ros.guest import Guest
 from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
 
@@ -37,12 +37,11 @@ class Recorder(Guest):
 
     def __init__(self, bag: Sink, args: list[str] | None = None) -> None:
         self._bag = bag
-        self._changed = Condition()  # guards the bag, too
+        self._changed = News()  # guards the bag, too
         self._matched = dict.fromkeys(TOPICS, 0)
         self._time_ns: int | None = None  # of the newest update
         self._stamps: dict[str, int] = {}  # of the last message that came, by topic
         self._update: int | None = None  # its number
-        self._stopped = ""
         self._ending = False
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
@@ -59,7 +58,9 @@ class Recorder(Guest):
 
         Raises EllipsegError after `timeout` s.
         """
-        self._wait(lambda: all(self._matched.values()), timeout, "the node publishes nothing")
+        self._changed.expect(
+            lambda: all(self._matched.values()), timeout, "the node publishes nothing"
+        )
 
     def wait_for_updates(self, count: int, timeout: float) -> None:
         """Wait until `count` updates have come, the last one on all topics that bear its time.
@@ -67,13 +68,17 @@ class Recorder(Guest):
         Large messages overtake each other on the way: segments may come before their points.
         Raises EllipsegError after `timeout` s.
         """
-        self._wait(lambda: self.updates >= count, timeout, f"{count} updates were due, {{}} came")
-        self._wait(self._is_whole, timeout, "of the last update, not all topics came")
+        self._changed.expect(
+            lambda: self.updates >= count,
+            timeout,
+            lambda: f"{count} updates were due, {self.updates} came",
+        )
+        self._changed.expect(self._is_whole, timeout, "of the last update, not all topics came")
 
     def wait_for_report(self, key: str, value: int, timeout: float) -> None:
         """Wait until /diagnostics of the segmenter say so; EllipsegError after `timeout` s."""
         text = f"/diagnostics did not come to {key!r} = {value}"
-        self._wait(lambda: self.diagnostics.get(key) == str(value), timeout, text)
+        self._changed.expect(lambda: self.diagnostics.get(key) == str(value), timeout, text)
 
     def reset_segmenter(self, timeout: float) -> None:
         """Call ~/reset, which makes an update of the points that still wait for their boundary.
@@ -87,13 +92,11 @@ class Recorder(Guest):
         done: list[bool] = []
         future = client.call_async(Trigger.Request())
         future.add_done_callback(lambda _: self._note(lambda: done.append(True)))
-        self._wait(lambda: bool(done), timeout, "the node does not answer ~/reset")
+        self._changed.expect(lambda: bool(done), timeout, "the node does not answer ~/reset")
 
     def stop(self, reason: str) -> None:
         """Let everything that waits fail with `reason`; for any thread."""
-        with self._changed:
-            self._stopped = self._stopped or reason
-            self._changed.notify_all()
+        self._changed.give_up(reason)
 
     def _on_message(self, topic: str, data: bytes) -> None:
         with self._changed:
@@ -132,14 +135,6 @@ class Recorder(Guest):
         with self._changed:
             change()
             self._changed.notify_all()
-
-    def _wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        with self._changed:
-            self._changed.wait_for(lambda: done() or bool(self._stopped), timeout)
-            if self._stopped:
-                raise EllipsegError(self._stopped)
-            if not done():
-                raise EllipsegError(f"{otherwise.format(self.updates)} within {timeout:g} s")
 
     def fail(self, error: BaseException) -> None:
         """Let what waits fail with it."""

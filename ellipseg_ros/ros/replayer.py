@@ -1,6 +1,5 @@
 """Publishes a source on ROS topics: `ros2 run ellipseg_ros replayer`, or as a library call."""
 
-import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from threading import Thread
@@ -21,6 +20,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.ros.hearing import header_time
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.ros.process import End, Spinner, run
@@ -77,9 +77,7 @@ class ReplayerNode:
 
     def _on_segments(self, serialized: bytes) -> None:
         """Only the stamp is read: as objects, thousands of segments would take too long."""
-        order = "<" if serialized[1] & 1 else ">"
-        seconds, nanoseconds = struct.unpack_from(f"{order}iI", serialized, 4)
-        self.playback.come_back(seconds * SECOND + nanoseconds)
+        self.playback.come_back(header_time(serialized))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.pause(request.data)

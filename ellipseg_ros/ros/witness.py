@@ -3,16 +3,16 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from threading import Condition
 
 from diagnostic_msgs.msg import DiagnosticArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.data import SECOND
-from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.news import News
 from ellipseg_ros.ros.guest import Guest
+from ellipseg_ros.ros.hearing import of_segmenter
 
 DEPTH = 100  # messages kept while others are dealt with
 
@@ -36,7 +36,7 @@ class Witness(Guest):
     """
 
     def __init__(self, args: list[str]) -> None:
-        self._changed = Condition()
+        self._changed = News()
         self._mirror = SegmentMirror()
         self.heard: list[Heard] = []
         self.shown: set[int] = set()  # markers, as a viewer has them that never forgets
@@ -53,11 +53,12 @@ class Witness(Guest):
 
     def wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
         """Wait until a message makes it true; raises EllipsegError after `timeout` s."""
-        with self._changed:
-            if not self._changed.wait_for(lambda: done() or bool(self.failed), timeout):
-                raise EllipsegError(f"{otherwise} within {timeout:g} s")
-        if self.failed:
-            raise EllipsegError(f"listening failed: {self.failed[0]}")
+        self._changed.expect(done, timeout, otherwise)
+
+    def fail(self, error: BaseException) -> None:
+        """Let what waits fail with it."""
+        super().fail(error)
+        self._changed.give_up(f"listening failed: {error}")
 
     def since(self, moment: float) -> list[Heard]:
         """What has come on `segments` since then."""
@@ -93,8 +94,7 @@ class Witness(Guest):
             self._changed.notify_all()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        own = f"{self.node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
+        now = time.monotonic()
         with self._changed:
-            now = time.monotonic()
-            self.said += [(now, s.message) for s in message.status if s.name.startswith(own)]
+            self.said += [(now, status.message) for status in of_segmenter(self.node, message)]
             self._changed.notify_all()
