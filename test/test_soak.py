@@ -16,9 +16,11 @@ from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import labelled_fields
 from ellipseg_ros.measuring.memory import state_bytes
 from ellipseg_ros.reliability import subjects
+from ellipseg_ros.reliability.fault_signals import Ending, Program, _problem, signals
 from ellipseg_ros.reliability.hour import equal_segments
+from ellipseg_ros.reliability.last_word import COUNTS, last_word
 from ellipseg_ros.reliability.overload import Case, recovery
-from ellipseg_ros.reliability.promises import Promise
+from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.segmenter import Segmenter
 
@@ -98,6 +100,67 @@ def test_recovery_is_until_the_last_late_update(late, seconds):
     latency = np.where(stamp < 20 + late, 5.0, 0.5)
     case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, {}, 500.0)
     assert recovery(case, 10.0) == seconds
+
+
+@pytest.mark.parametrize(
+    ("usual", "code", "seconds", "text", "problem"),
+    [
+        (0, 0, 0.1, "", ""),
+        (0, 0, 9.0, "", ""),  # its time is another column
+        (0, 1, 0.1, "", "exit code 1"),
+        (0, 0, 0.1, "Traceback (most recent call last)", "a traceback"),
+        (130, 130, 0.1, "ellipseg: interrupted", ""),
+        (130, 130, 0.1, "", "not once"),
+        (130, 130, 0.1, "ellipseg: interrupted\n" * 2, "not once"),
+        (130, 0, 0.1, "", ""),  # it was done
+        (130, 0, 2.1, "", "it worked on"),
+        (130, 0, 0.1, "ellipseg: interrupted", "exit code 0"),
+        (130, -2, 0.1, "", "exit code -2"),
+    ],
+)
+def test_an_ending_of_another_kind_is_a_problem(usual, code, seconds, text, problem):
+    found = _problem(Program([], 1.0, usual), code, seconds, text)
+    assert problem in found and bool(found) == bool(problem)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "problem", "holds", "in_limits"),
+    [(0.1, "", True, True), (2.1, "", True, False), (0.1, "a traceback", False, True)],
+)
+def test_every_program_must_end_in_time(monkeypatch, seconds, problem, holds, in_limits):
+    module = "ellipseg_ros.reliability.fault_signals"
+    endings = iter([Ending("the first", seconds, problem)])
+    good = Ending("another", 0.1, "")
+    monkeypatch.setattr(f"{module}._interrupt", lambda *_: next(endings, good))
+    monkeypatch.setattr(f"{module}._handled_after", lambda _: 0.1)
+    (row,) = signals(Trial(quick=True))
+    assert (row.holds, row.in_limits) == (holds, in_limits)
+    assert row.row()["kept"] == row.kept == (holds and in_limits)
+    assert ("3 of 4" in row.figure and "the first" in row.figure) == (not row.kept)
+
+
+def reports(*rows):
+    """A listener to reports of clouds received, updates, updates waiting, s under way."""
+    names = ("clouds received", "updates", "updates waiting", "update under way for [s]")
+    still = dict.fromkeys(COUNTS, "0")
+    told = iter(
+        [
+            still | {"memory [MB]": f"{k}"} | dict(zip(names, row, strict=True))
+            for k, row in enumerate(rows)
+        ]
+    )
+    return SimpleNamespace(next_report=lambda _: next(told))
+
+
+def test_the_last_word_is_said_when_nothing_waits_moves_or_is_under_way():
+    busy = [("9", "3", "1", "0.4"), ("9", "3", "0", "1.4"), ("9", "3", "0", "2.4")]
+    done = [("9", "4", "0", "0.0")] * 3
+    assert last_word(reports(*busy, *busy, *done), 99)["memory [MB]"] == "8"
+    moving = [(f"{k}", "3", "0", "0.0") for k in range(9)]
+    assert last_word(reports(*moving, *done), 99)["memory [MB]"] == "11"
+    # One cloud was lost: the counts stand still, and the trial ends with what there is.
+    assert last_word(reports(*[("8", "3", "0", "0.0")] * 9), 99)["clouds received"] == "8"
+    assert last_word(reports(*busy), 3)["memory [MB]"] == "2"  # and so it does if it never ends
 
 
 # --- the command -----------------------------------------------------------------------------

@@ -3,6 +3,8 @@
 import shutil
 import struct
 import zipfile
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +18,15 @@ from ellipseg_ros.io.samples import POINTS, WRITERS, write_samples
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.reliability import file_trials
 from ellipseg_ros.reliability.damage import DAMAGES, damage
-from ellipseg_ros.reliability.file_trials import WHOLE, Outcome, Worker, answer, task_of
+from ellipseg_ros.reliability.file_trials import (
+    SKIPPED,
+    WHOLE,
+    Outcome,
+    Worker,
+    answer,
+    task_of,
+    try_files,
+)
 from ellipseg_ros.reliability.files import promises
 from ellipseg_ros.segmenter import segment
 
@@ -89,6 +99,22 @@ def test_what_must_not_be_is_a_fault(tmp_path, monkeypatch, wrong, fault):
     assert fault in answer(task)["fault"]
 
 
+@pytest.mark.parametrize(("user", "how"), [(0, SKIPPED), (1000, "locked")])
+def test_a_locked_file_is_no_trial_for_root(monkeypatch, user, how):
+    tried = []
+    fake = SimpleNamespace(run=lambda task, kind, how: tried.append(how) or refused_as(how))
+    monkeypatch.setattr(file_trials, "Worker", lambda: nullcontext(fake))
+    monkeypatch.setattr(file_trials, "damage", lambda *_: "locked")
+    monkeypatch.setattr(file_trials.os, "geteuid", lambda: user)
+    found = [one.damage for one in try_files(0, 1)]
+    assert found == [WHOLE] * len(WRITERS) + [how] * len(WRITERS)
+    assert ("locked" in tried) == (user != 0)
+
+
+def refused_as(how):
+    return Outcome("las", how, 2, "ellipseg: no", 0.1, 1.0, "")
+
+
 def test_results_in_part_are_a_fault(tmp_path, monkeypatch):
     def half(task, out):
         (out / ".bag.part").mkdir(parents=True)
@@ -108,6 +134,9 @@ def test_a_single_fault_breaks_the_promise():
         Outcome("las", WHOLE, 2, "ellipseg: no", 0.1, 1.0, ""),
     ):
         assert not promises([whole, refused, bad])[0].kept
+    skipped = Outcome("las", SKIPPED, -1, "", 0.0, 0.0, "")
+    row = promises([whole, refused, skipped])[0]
+    assert row.kept and row.tried.startswith("1 files") and "1 more that are locked" in row.tried
     slow = Outcome("las", "cut", 2, "ellipseg: no", 100.0, 1.0, "")
     assert not promises([whole, slow])[1].kept
 

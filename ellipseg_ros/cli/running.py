@@ -20,12 +20,16 @@ def running(settings: dict[str, Any]) -> Iterator[tuple[Listening, NodeProcess, 
         ros_args = stack.enter_context(domain())
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         listener = stack.enter_context(Listening(ros_args))
-        parameters = [item for pair in settings.items() for item in ("-p", "{}:={}".format(*pair))]
-        args = [*ros_args, *parameters]
+        args = [*ros_args, *parameters(settings)]
         node = stack.enter_context(NodeProcess(args, folder / "node.log", listener.give_up))
         node.start()
         yield listener, node, ros_args
         node.stop()
+
+
+def parameters(settings: dict[str, Any]) -> list[str]:
+    """Settings as words that follow `--ros-args`."""
+    return [item for pair in settings.items() for item in ("-p", "{}:={}".format(*pair))]
 
 
 @contextmanager

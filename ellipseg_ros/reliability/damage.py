@@ -10,6 +10,7 @@ import numpy as np
 Damage = Callable[[Path, Path, np.random.Generator], None]
 HEAD = 600  # bytes, where headers are
 CLAIMS = (b"0", b"-1", b"4000000000", b"99999999999999999999", b"1e9", b"nan")
+LOCKED = "locked"
 WORDS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1)
 
 
@@ -141,5 +142,5 @@ DAMAGES: dict[str, Damage] = {
     "gone": _gone,
     "a folder": _folder,
     "a file": _file,
-    "locked": _locked,
+    LOCKED: _locked,
 }

@@ -8,7 +8,7 @@ import numpy as np
 
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.running import START
-from ellipseg_ros.reliability.fault_kills import PERIOD, Scene, scene
+from ellipseg_ros.reliability.fault_kills import PERIOD, Scene, scene, unbroken
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.playback import ReplayOptions
@@ -42,7 +42,8 @@ def second_nodes(trial: Trial) -> Promise:
         "a second node in the same namespace is told of in /diagnostics",
         "a node beside one that runs; the time includes its start",
         f"WARN after {told:.1f} s; before that {len(alone)} false alarms",
-        not alone and told < SOON,
+        not alone,
+        told < SOON,
     )
 
 
@@ -95,6 +96,7 @@ def hanging_subscribers(trial: Trial) -> Promise:
             hanging = _latencies(here, updates)
             listening.read_on()
         process.stop()
+    numbers = here.numbers()
     (median, high), (meanwhile, most) = (
         (1e3 * np.quantile(times, [0.5, 0.9])).tolist() for times in (usual, hanging)
     )
@@ -103,8 +105,10 @@ def hanging_subscribers(trial: Trial) -> Promise:
         f"SIGSTOP of one of two reliable subscribers to all topics for {updates} updates, more "
         f"than DDS keeps; {PERIOD:g} s between two, window 10 s",
         f"from a cloud sent to its segments received: {median:.0f} ms before (90 % within "
-        f"{high:.0f} ms), {meanwhile:.0f} ms meanwhile ({most:.0f} ms)",
-        len(hanging) >= updates and meanwhile < SLOWER * median + SLACK,
+        f"{high:.0f} ms), {meanwhile:.0f} ms meanwhile ({most:.0f} ms); "
+        f"{'no' if unbroken(numbers) else 'an'} update missing of {len(numbers)}",
+        len(hanging) >= updates and unbroken(numbers),
+        meanwhile < SLOWER * median + SLACK,
     )
 
 

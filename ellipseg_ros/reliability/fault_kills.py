@@ -11,7 +11,7 @@ from threading import Thread
 
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain
+from ellipseg_ros.cli.running import START, domain, parameters
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.reliability.fault_programs import node, started
 from ellipseg_ros.reliability.promises import Promise, Trial
@@ -41,9 +41,8 @@ class Scene:
     @contextmanager
     def node(self, *more: str) -> Iterator[NodeProcess]:
         """A segmenter, started; ended with the block."""
-        given = [item for pair in SETTINGS.items() for item in ("-p", "{}:={}".format(*pair))]
-        log = self.folder / "node.log"
-        with NodeProcess([*self.ros_args, *given, *more], log, lambda _: None) as process:
+        args = [*self.ros_args, *parameters(SETTINGS), *more]
+        with NodeProcess(args, self.folder / "node.log", lambda _: None) as process:
             process.start()
             yield process
 
@@ -193,6 +192,8 @@ def killed_subscribers(trial: Trial) -> Promise:
     return Promise(
         "the node doesn't mind a killed subscriber",
         f"kill -9 of {kills} subscribers to all topics, an update every {PERIOD:g} s",
-        f"no update missing of {len(numbers)}, {longest:.2f} s at most between two",
-        unbroken(numbers) and longest < 4.0 * PERIOD,
+        f"{'no' if unbroken(numbers) else 'an'} update missing of {len(numbers)}, "
+        f"{longest:.2f} s at most between two",
+        unbroken(numbers),
+        longest < 4.0 * PERIOD,
     )

@@ -36,7 +36,7 @@ class Ending:
 
     what: str
     seconds: float  # after the signal
-    problem: str  # empty if all was well
+    problem: str  # empty if all was well, but perhaps late
 
 
 def signals(trial: Trial) -> list[Promise]:
@@ -52,16 +52,19 @@ def signals(trial: Trial) -> list[Promise]:
             endings += [_interrupt(name, programs[name], Path(folder), rng) for _ in range(times)]
         start = _handled_after(5)
     bad = [f"{one.what}: {one.problem}" for one in endings if one.problem]
+    late = [f"{one.what}: after {one.seconds:.2f} s" for one in endings if one.seconds > LIMIT]
+    failed = sum(bool(one.problem) or one.seconds > LIMIT for one in endings)
     longest = max(one.seconds for one in endings)
     return [
         Promise(
             "SIGINT and SIGTERM end every program within 2 s, without a traceback",
             f"{times} times {', '.join(names)}: one or two signals at a random moment from "
             f"{BEGUN:g} s after the start on: imports, kernels, updates, writing",
-            f"{len(endings) - len(bad)} of {len(endings)}, after {longest:.2f} s at most; Python "
+            f"{len(endings) - failed} of {len(endings)}, after {longest:.2f} s at most; Python "
             f"itself needs {1e3 * start:.0f} ms until our handlers are there, during which it "
-            f"ends in its own way{'; ' + bad[0] if bad else ''}",
+            f"ends in its own way{''.join(f'; {text}' for text in (bad + late)[:1])}",
             not bad,
+            not late,
         )
     ]
 
@@ -105,14 +108,15 @@ def _interrupt(name: str, program: Program, folder: Path, rng: random.Random) ->
 def _problem(program: Program, code: int, seconds: float, text: str) -> str:
     if "Traceback" in text or "Exception" in text:
         return f"a traceback: {text[-300:]}"
-    if code == 0 and not text.count("interrupted"):
-        return ""  # its work was done when the signal came
+    if code == 0 and program.code and not text.count("interrupted"):
+        # Its work was done when the signal came, or it has ignored the signal.
+        return "" if seconds <= LIMIT else f"it worked on for {seconds:.2f} s"
     if code != program.code:
         return f"exit code {code}, not {program.code}"
     last = "ellipseg: interrupted"
     if program.code and text.count(last) != 1:
         return f"it says {text[-200:]!r}, not once {last!r}"
-    return "" if seconds <= LIMIT else f"after {seconds:.2f} s"
+    return ""
 
 
 def _handled_after(times: int) -> float:

@@ -6,6 +6,7 @@ from ellipseg_ros.reliability.file_trials import (
     ADDRESSES,
     LIMIT,
     MEMORY_MB,
+    SKIPPED,
     WHOLE,
     Outcome,
     try_files,
@@ -30,11 +31,13 @@ def files(trial: Trial) -> list[Promise]:
 def promises(found: list[Outcome]) -> list[Promise]:
     """The rows of what came of all files."""
     whole = [one for one in found if one.damage == WHOLE]
-    spoiled = [one for one in found if one.damage != WHOLE]
+    spoiled = [one for one in found if one.damage not in (WHOLE, SKIPPED)]
+    skipped = len(found) - len(whole) - len(spoiled)
     kinds = ", ".join(one.kind for one in whole)
     how = (
         f"{len(spoiled)} files ({kinds}): cut off, bits flipped, sizes that lie, blocks lost, "
         "empty, noise, of another kind, missing, a folder"
+        + (f"; {skipped} more that are locked, left out: root may read them" if skipped else "")
     )
     codes = Counter(one.code for one in spoiled)
     faults = [one for one in found if one.fault]

@@ -45,6 +45,10 @@ class Length:
     rate: float  # points/s
     state_rate: float  # points/s of the drive without ROS, which is for the size of the state
 
+    def lap(self, since_ns: int) -> int:
+        """The lap so many ns after the start, from 1."""
+        return 1 + since_ns // round(self.lap_s * SECOND)
+
 
 FULL = Length(60.0, 60, 10, Config().window_duration, 2500.0, 500.0)
 QUICK = Length(6.0, 15, 5, 3.0, 0.0, 1000.0)
@@ -160,7 +164,7 @@ def _watch(
         while drive.recent[0].stamp_ns < sweep.stamp_ns - 2 * round(length.window_s * SECOND):
             drive.recent.popleft()
         first[:] = first or [sweep.stamp_ns]
-        lap = 1 + (sweep.stamp_ns - first[0]) // round(length.lap_s * SECOND)
+        lap = length.lap(sweep.stamp_ns - first[0])
         if lap == 2 and not until:
             other.stop_reading()
             until.append(drive.updates + HANGS)
@@ -185,7 +189,7 @@ def _state_sizes(length: Length, trial: Trial) -> dict[int, int]:
     for group in updates(tape, config):
         start = group.stamp_ns if start is None else start
         segmenter.process(group)
-        lap = 1 + (group.stamp_ns - start) // round(length.lap_s * SECOND)
+        lap = length.lap(group.stamp_ns - start)
         sizes[lap] = max(sizes.get(lap, 0), state_bytes(segmenter))
     return sizes
 
@@ -196,7 +200,7 @@ def _state_sizes(length: Length, trial: Trial) -> dict[int, int]:
 def _memory(drive: Drive, tape: Tape, length: Length) -> Promise:
     start = next(iter(tape)).stamp_ns
     early, late = (
-        np.mean([mb for ns, mb in drive.latest.held if _lap(ns - start, length) == lap])
+        np.mean([mb for ns, mb in drive.latest.held if length.lap(ns - start) == lap])
         for lap in (length.early, length.laps)
     )
     growth = late / early - 1.0
@@ -208,12 +212,9 @@ def _memory(drive: Drive, tape: Tape, length: Length) -> Promise:
         f"will; resident memory, mean over a lap of {length.lap_s:g} s",
         f"lap {length.early}: {early:.0f} MB, lap {length.laps}: {late:.0f} MB ({growth:+.1%}; "
         f"at most {GROWTH:+.0%})",
+        bool(np.isfinite(growth)),
         bool(growth <= GROWTH),
     )
-
-
-def _lap(since_ns: int, length: Length) -> int:
-    return 1 + since_ns // round(length.lap_s * SECOND)
 
 
 def _state(sizes: dict[int, int], length: Length) -> Promise:
@@ -236,6 +237,7 @@ def _speed(drive: Drive, length: Length) -> Promise:
         "the node's own median of its last 100 updates",
         f"lap {length.early}: {early:.0f} ms, lap {length.laps}: {late:.0f} ms "
         f"(at most {SLOWER:g} times)",
+        bool(np.isfinite([early, late]).all()),
         late <= SLOWER * early,
     )
 

@@ -10,10 +10,12 @@ from ellipseg_ros.data import SECOND
 from ellipseg_ros.measuring.timing import timed
 from ellipseg_ros.reliability.clouds import Cloud, Header, Time, large_cloud, odd_cloud, serialized
 from ellipseg_ros.reliability.conversion import Consumer, Tally
+from ellipseg_ros.reliability.last_word import last_word
 from ellipseg_ros.ros.sender import Sender
 
 CONFIG = Config(window_duration=2.0, update_period=0.3)
 PATIENCE = 300.0  # s for what was sent: 2 million points take a minute on two cores that are busy
+REPORTS = 300  # /diagnostics, one a second, until the odd clouds must have been dealt with
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def listen(seed: int, cases: int, large: int) -> Heard:
             sender.send(serialized(cloud))
             twin.take(str(case), cloud)
         sender.wait_for_arrival(PATIENCE)
-        said = _report(listener, cases, tally.updates)
+        said = last_word(listener, REPORTS, PATIENCE)
         bad = garbage(serialized(large_cloud(100)))
         for message in bad:
             sender.send(message)
@@ -74,17 +76,6 @@ def garbage(good: bytes) -> list[bytes]:
         *(good[:at] + long + good[at + 4 :] for at in (24, 28, 32)),
         good[:4] + b"\xff" * 200,
     ]
-
-
-def _report(listener: Listening, clouds: int, updates: int) -> dict[str, str]:
-    """The diagnostics when everything is done, or those of the moment when nothing moves."""
-    before: dict[str, str] = {}
-    while True:
-        said = listener.next_report(PATIENCE)
-        done = int(said["clouds received"]) >= clouds and int(said["updates"]) >= updates
-        if done or said == before:
-            return said
-        before = said
 
 
 def _large(

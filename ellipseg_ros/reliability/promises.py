@@ -11,7 +11,18 @@ class Promise:
     promise: str
     tried: str  # how, with counts
     figure: str  # what was measured
-    kept: bool
+    holds: bool  # what must be so on any machine, however busy
+    in_limits: bool = True  # of time and memory: what else runs on a machine may break them
+
+    @property
+    def kept(self) -> bool:
+        """All of it."""
+        return self.holds and self.in_limits
+
+    def row(self) -> dict[str, str | bool]:
+        """JSON-ready."""
+        texts = {"promise": self.promise, "tried": self.tried, "figure": self.figure}
+        return {**texts, "kept": self.kept}
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.running import START, running
+from ellipseg_ros.reliability.last_word import last_word
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
@@ -59,7 +59,7 @@ def drive(services: list[str], seconds: float, seed: int) -> Case:
             listener.wait_for_topics(START)
             with flood(services, ros_args) as answers:
                 replayer.run()
-                said = last_word(listener)
+                said = last_word(listener, REPORTS)
         return Case(
             updates=int(said["updates"]) + int(said["updates joined"]),
             expected=int(seconds) - 1,
@@ -67,16 +67,6 @@ def drive(services: list[str], seconds: float, seed: int) -> Case:
             latency=float(said["latency median [s]"]),
             answers=answers,
         )
-
-
-def last_word(listener: Listening) -> dict[str, str]:
-    """The first /diagnostics after which no update is waited for, or the last before giving up."""
-    said = listener.next_report(PATIENCE)
-    for _ in range(REPORTS):
-        before, said = said, listener.next_report(PATIENCE)
-        if said["updates waiting"] == "0" and said["updates"] == before["updates"]:
-            break
-    return said
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 from ellipseg_ros.measuring.machine import describe
@@ -43,5 +42,5 @@ def soak(name: str, trial: Trial) -> dict[str, Any]:
         "quick": trial.quick,
         "seed": trial.seed,
         "minutes": round((time.monotonic() - started) / 60.0, 1),
-        "promises": [asdict(promise) for promise in promises],
+        "promises": [promise.row() for promise in promises],
     }

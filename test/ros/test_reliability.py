@@ -1,4 +1,7 @@
-"""The short versions of the long trials, with the real node."""
+"""The short versions of the long trials, with the real node.
+
+Limits of time and memory are for the long ones: here the machine is busy with other tests.
+"""
 
 import pytest
 
@@ -8,5 +11,5 @@ from ellipseg_ros.reliability.subjects import SUBJECTS
 
 @pytest.mark.parametrize("subject", ["hour"])
 def test_the_promises_are_kept(subject):
-    broken = [row for row in SUBJECTS[subject][1](Trial(quick=True)) if not row.kept]
+    broken = [row for row in SUBJECTS[subject][1](Trial(quick=True)) if not row.holds]
     assert not broken
