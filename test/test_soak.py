@@ -3,6 +3,7 @@
 import json
 from collections import deque
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,12 +17,14 @@ from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import labelled_fields
 from ellipseg_ros.measuring.memory import state_bytes
 from ellipseg_ros.reliability import subjects
+from ellipseg_ros.reliability.fault_kills import Scene, _judge
 from ellipseg_ros.reliability.fault_signals import Ending, Program, _problem, signals
 from ellipseg_ros.reliability.hour import equal_segments
 from ellipseg_ros.reliability.last_word import COUNTS, last_word
 from ellipseg_ros.reliability.overload import Case, recovery
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
+from ellipseg_ros.ros.witness import Heard
 from ellipseg_ros.segmenter import Segmenter
 
 
@@ -161,6 +164,21 @@ def test_the_last_word_is_said_when_nothing_waits_moves_or_is_under_way():
     # One cloud was lost: the counts stand still, and the trial ends with what there is.
     assert last_word(reports(*[("8", "3", "0", "0.0")] * 9), 99)["clouds received"] == "8"
     assert last_word(reports(*busy), 3)["memory [MB]"] == "2"  # and so it does if it never ends
+
+
+def test_what_a_dead_node_said_is_not_taken_for_the_words_of_a_new_one():
+    dead = Heard(10.1, 1, 40, "odom", full=False, in_step=True)  # came after the start at 10 s
+    first = Heard(11.0, 2, 0, "odom", full=True, in_step=True)
+    witness = SimpleNamespace(drawn=[(1, True), (2, False)])
+    witness.since = lambda moment: [one for one in (dead, first) if one.time > moment]
+    witness.wait = lambda done, *_: done() or pytest.fail("not done")
+    here = Scene([], witness, Path(), sent={1: 9.9, 2: 10.9})
+    assert here.wait_for_new(10.0) == 1.0
+    assert here.from_new(10.0) == [first] and not _judge(here, 10.0)
+    witness.drawn[1] = (2, True)
+    assert _judge(here, 10.0) == ["a dead marker stayed beside the new ones"]
+    first = replace(first, full=False)
+    assert "the first message was" in _judge(here, 10.0)[0]
 
 
 # --- the command -----------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Nodes, replayers and subscribers that are killed: how the others go on."""
 
+import math
 import random
 import tempfile
 import time
@@ -18,7 +19,7 @@ from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
-from ellipseg_ros.ros.witness import Witness
+from ellipseg_ros.ros.witness import Heard, Witness
 
 PERIOD = 0.5  # s, between two updates
 SETTINGS = {"window_duration": 3.0, "update_period": PERIOD, "full_segments_period": 4.0}
@@ -53,6 +54,32 @@ class Scene:
             lambda: sum(one.in_step for one in come(moment)) >= updates, START, "no update came"
         )
         return [one for one in come(moment) if one.in_step][updates - 1].time - moment
+
+    def from_new(self, moment: float) -> list[Heard]:
+        """What a node has said that was started at `moment`.
+
+        What a dead one has said may come later, but of clouds that were sent before.
+        """
+        return [one for one in self.witness.since(moment) if self._is_new(one.stamp_ns, moment)]
+
+    def drawn_by_new(self, moment: float) -> list[bool]:
+        """Of each of its messages of markers, whether others stayed on show."""
+        return [stale for ns, stale in self.witness.drawn if self._is_new(ns, moment)]
+
+    def _is_new(self, stamp_ns: int, moment: float) -> bool:
+        return self.sent.get(stamp_ns, -math.inf) > moment
+
+    def wait_for_new(self, moment: float) -> float:
+        """Time from the start of a node at `moment` until its first update is understood, s."""
+        self.witness.wait(
+            lambda: (
+                any(one.in_step for one in self.from_new(moment))
+                and bool(self.drawn_by_new(moment))
+            ),
+            START,
+            "no update came",
+        )
+        return next(one for one in self.from_new(moment) if one.in_step).time - moment
 
     def numbers(self) -> list[int]:
         """Those of the updates heard; who is new is told the last one again, which counts once."""
@@ -104,8 +131,8 @@ def killed_nodes(trial: Trial) -> list[Promise]:
             with here.node() as process:
                 # Every other one is killed while it starts, the first and the last never.
                 if number % 2 == 0 or number == kills:
-                    found.seconds.append(here.wait_for_step(begun))
-                    found.problems += _judge(here.witness, begun) if number else []
+                    found.seconds.append(here.wait_for_new(begun))
+                    found.problems += _judge(here, begun) if number else []
                     time.sleep(rng.uniform(0.0, 3.0 * PERIOD))
                 else:
                     time.sleep(rng.uniform(0.0, found.seconds[0]))
@@ -132,13 +159,13 @@ def killed_nodes(trial: Trial) -> list[Promise]:
     ]
 
 
-def _judge(witness: Witness, begun: float) -> list[str]:
+def _judge(here: Scene, begun: float) -> list[str]:
     """What is wrong with the first words of a new node."""
-    first = witness.since(begun)[0]
+    first = here.from_new(begun)[0]
     if not (first.full and first.in_step):
         return [f"the first message was {first}"]
-    drawn = [stale for moment, stale in witness.drawn if moment > begun]
-    return ["a dead marker stayed beside the new ones"] if drawn and drawn[0] else []
+    stale = here.drawn_by_new(begun)[0]
+    return ["a dead marker stayed beside the new ones"] if stale else []
 
 
 # --- the others ------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ def last_word(listener: Listening, reports: int, patience: float = PATIENCE) -> 
 
     reports: how many, one a second, at most.
 
-
     Raises EllipsegError if no report comes within `patience` s.
     """
     before: list[str] = []

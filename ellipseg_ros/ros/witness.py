@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -40,7 +41,7 @@ class Witness(Guest):
         self._mirror = SegmentMirror()
         self.heard: list[Heard] = []
         self.shown: set[int] = set()  # markers, as a viewer has them that never forgets
-        self.drawn: list[tuple[float, bool]] = []  # s; whether dead ones were on show meanwhile
+        self.drawn: list[tuple[int, bool]] = []  # ns, the update; whether others stayed on show
         self.lifetimes: set[int] = set()  # s, of all markers
         self.said: list[tuple[float, str]] = []  # s; the one line of a segmenter's health
         super().__init__("ellipseg_witness", args)
@@ -66,10 +67,9 @@ class Witness(Guest):
 
     def _on_segments(self, message: SegmentArray) -> None:
         in_step = self._mirror.update(message)
-        stamp = message.header.stamp
         heard = Heard(
             time.monotonic(),
-            stamp.sec * SECOND + stamp.nanosec,
+            nanoseconds(message.header.stamp),
             message.sequence,
             message.header.frame_id,
             message.full,
@@ -90,7 +90,8 @@ class Witness(Guest):
                     self.shown.add(marker.id)
                     self.lifetimes.add(marker.lifetime.sec)
             drawn = {m.id for m in message.markers if m.action == Marker.ADD}
-            self.drawn.append((time.monotonic(), bool(self.shown - drawn)))
+            for marker in message.markers[-1:]:
+                self.drawn.append((nanoseconds(marker.header.stamp), bool(self.shown - drawn)))
             self._changed.notify_all()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -98,3 +99,8 @@ class Witness(Guest):
         with self._changed:
             self.said += [(now, status.message) for status in of_segmenter(self.node, message)]
             self._changed.notify_all()
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Of a message's stamp, ns."""
+    return int(stamp.sec * SECOND + stamp.nanosec)
