@@ -1,6 +1,5 @@
 """The programs of the package as processes of their own, to be killed, starved and interrupted."""
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -38,28 +37,31 @@ def _python(imported: str, before: str, words: tuple[str, ...]) -> list[str]:
 
 @contextmanager
 def started(
-    words: list[str], folder: Path, **environment: str
+    words: list[str], folder: Path, talks: bool = False
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """A process, killed at the end of the block; what it says goes to `said` in the folder."""
+    """A process, killed at the end of the block; its stderr goes to `said` in the folder.
+
+    talks: stdin and stdout are pipes.
+    """
     with (folder / "said").open("wb") as said:
         process = subprocess.Popen(
             words,
             cwd=folder,
-            stdout=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if talks else None,
+            stdout=subprocess.PIPE if talks else subprocess.DEVNULL,
             stderr=said,
             start_new_session=True,
-            env={**os.environ, **environment},
         )
     try:
         yield process
     finally:
         process.kill()
-        process.wait()
+        process.communicate()  # closes the pipes, too
 
 
-def run(words: list[str], folder: Path, **environment: str) -> Ended:
+def run(words: list[str], folder: Path) -> Ended:
     """Let a program run to its end."""
-    with started(words, folder, **environment) as process:
+    with started(words, folder) as process:
         code = process.wait(LIMIT)
     return Ended(code, said(folder))
 

@@ -21,7 +21,7 @@ from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.health import Health
-from ellipseg_ros.ros.limits import throttled
+from ellipseg_ros.ros.limits import Quota, throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
@@ -31,6 +31,7 @@ from ellipseg_ros.stamps import Stamps
 
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
 BRIEF = 0.1  # s that the tuner gets: it ends at once, or is at a tuning that takes long
+RESETS = (30, 60.0)  # calls within s: of whoever calls all the time, a window or two are lost
 FRAMES = 10  # that are warned of, once each: a stranger can think of any number
 
 
@@ -59,6 +60,7 @@ class SegmenterNode:
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         node.create_service(Trigger, "~/reset", self._reset)
+        self._resets = Quota(*RESETS)
         self._tuning = LiveTuning(node, self._health)
         self._reason = self._tuning.reason  # of the last change of the parameters
         around = Around(
@@ -140,6 +142,11 @@ class SegmenterNode:
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Between the clouds that came before the call and those that come after it."""
+        if not self._resets.take():
+            calls, seconds = RESETS
+            response.success = False
+            response.message = f"at most {calls} resets in {seconds:g} s; call again later"
+            return response
         try:
             self._hand_over(self._grouping.flush(), time.monotonic())
         except InputError as error:

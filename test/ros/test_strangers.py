@@ -2,20 +2,24 @@
 
 from dataclasses import replace
 
-from ellipseg_ros.reliability.strangers import Case, _answers, _goes_on, drive
+from ellipseg_ros.reliability.strangers import Calls, Case, _answers, _goes_on, drive
+from ellipseg_ros.ros.segmenter_node import RESETS
+from ellipseg_ros.simulator import simulate
 
-QUIET = Case(updates=8, expected=7, lost=0, latency=0.2)
-FLOODED = replace(QUIET, latency=0.9, answers={"set_parameters": [800, 0]})
+QUIET = Case(updates=8, expected=7, lost=0, latency=0.2, points=[0, 900, 800])
+FLOODED = replace(QUIET, latency=0.9, calls={"set_parameters": Calls(800, 800, 0)})
 
 
 def test_a_flood_is_answered_and_the_node_goes_on():
-    found = drive(["set_parameters", "reset", "tune"], 3.0, seed=1)
+    found = drive(["set_parameters", "reset", "tune"], 5.0, seed=1)
     assert found.updates >= found.expected and not found.lost
-    assert found.answers.keys() == {"set_parameters", "reset", "tune"}
-    assert all(answered > 10 for answered, _ in found.answers.values())
-    assert found.answers["set_parameters"][1] == 0
-    assert found.answers["reset"][1] > 10
-    assert found.answers["tune"][1] < found.answers["tune"][0]
+    assert found.calls.keys() == {"set_parameters", "reset", "tune"}
+    assert all(calls.answered == calls.asked > 10 for calls in found.calls.values())
+    assert found.calls["set_parameters"].granted == 0
+    assert found.calls["tune"].granted < found.calls["tune"].asked
+    # All resets of a minute come at once, before the drive, and then the window fills.
+    assert found.calls["reset"].granted == RESETS[0]
+    assert found.points[-1] > sum(map(len, simulate("industrial", duration=5.0, seed=1))) / 2
 
 
 def test_a_node_that_starves_breaks_the_promise():
@@ -23,18 +27,21 @@ def test_a_node_that_starves_breaks_the_promise():
         replace(FLOODED, latency=1.1),
         replace(FLOODED, lost=1),
         replace(FLOODED, updates=6),
+        replace(FLOODED, points=[900, 100, 90]),
     ):
         assert _goes_on(QUIET, {"parameters": FLOODED}, "").kept
         assert not _goes_on(QUIET, {"parameters": broken}, "").kept
 
 
 def test_calls_without_an_answer_break_the_promise():
-    floods = {"parameters": FLOODED, "~/tune": replace(QUIET, answers={"tune": [9, 1]})}
+    floods = {"parameters": FLOODED, "~/tune": replace(QUIET, calls={"tune": Calls(9, 9, 1)})}
     assert _answers(floods, 1.0, "").kept
-    for name, answers in (
+    for name, calls in (
         ("~/tune", {}),
-        ("~/tune", {"tune": [0, 0]}),
-        ("parameters", {"set_parameters": [9, 1]}),  # one that had to be refused
+        ("~/tune", {"tune": Calls(4, 0, 0)}),
+        ("~/tune", {"tune": Calls(900, 899, 1)}),
+        ("~/tune", {"tune": Calls(4, 4, 0)}),  # no more than were called at the beginning
+        ("parameters", {"set_parameters": Calls(9, 9, 1)}),  # one that had to be refused
     ):
-        broken = floods | {name: replace(QUIET, answers=answers)}
+        broken = floods | {name: replace(QUIET, calls=calls)}
         assert not _answers(broken, 1.0, "").kept
