@@ -21,7 +21,7 @@ from ellipseg_ros.reliability.fault_kills import Scene, _judge
 from ellipseg_ros.reliability.fault_signals import Ending, Program, _problem, signals
 from ellipseg_ros.reliability.hour import equal_segments
 from ellipseg_ros.reliability.last_word import COUNTS, last_word
-from ellipseg_ros.reliability.overload import Case, recovery
+from ellipseg_ros.reliability.overload import Case, _counted, _memory, recovery
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.witness import Heard
@@ -101,8 +101,46 @@ def test_a_result_of_other_ids_is_equal_and_any_other_is_not(found):
 def test_recovery_is_until_the_last_late_update(late, seconds):
     stamp = np.arange(40.0)
     latency = np.where(stamp < 20 + late, 5.0, 0.5)
-    case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, {}, 500.0)
+    case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, 40, {}, 500.0)
     assert recovery(case, 10.0) == seconds
+
+
+def overloaded(factor=4, peak_mb=500.0, early=9, groups=40, **counts):
+    """A run of which the node said so."""
+    none = np.zeros(0)
+    told = {"clouds received": 400, "clouds lost by DDS": 0, "updates": 30, "updates joined": 10}
+    told |= {"updates given up": 0, "points expired early": early}
+    said = {name: f"{count}" for name, count in (told | counts).items()}
+    return Case(factor, 1e5, none, none, none, 20.0, 400, groups, said, peak_mb)
+
+
+@pytest.mark.parametrize(
+    ("second", "holds", "in_limits"),
+    [
+        ({}, True, True),
+        ({"peak_mb": 590.0}, True, True),
+        ({"peak_mb": 610.0}, True, False),
+        ({"peak_mb": 610.0, "early": 0}, False, True),  # only one is at the bound
+    ],
+)
+def test_that_memory_is_bounded_is_shown_by_two_that_reach_the_bound(second, holds, in_limits):
+    row = _memory([overloaded(), overloaded(8, **second)], "", 1000)
+    assert (row.holds, row.in_limits) == (holds, in_limits)
+
+
+@pytest.mark.parametrize(
+    ("counts", "kept"),
+    [
+        ({}, True),
+        ({"updates": 29, "updates given up": 1}, True),
+        ({"updates": 29}, False),
+        ({"updates joined": 11}, False),
+        ({"clouds received": 399}, False),
+        ({"clouds received": 399, "clouds lost by DDS": 1, "updates": 29}, True),
+    ],
+)
+def test_every_cloud_and_every_group_must_be_counted(counts, kept):
+    assert _counted([overloaded(), overloaded(8, **counts)]).kept == kept
 
 
 @pytest.mark.parametrize(

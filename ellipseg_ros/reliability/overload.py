@@ -10,6 +10,8 @@ import numpy as np
 from ellipseg_ros.cli.running import START, running
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.data import SECOND, Array, Sweep
+from ellipseg_ros.grouping import Grouping
+from ellipseg_ros.reliability.last_word import last_word
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.playback import ReplayOptions
@@ -20,6 +22,14 @@ CALM = 0.5  # times the capacity: what comes before the end, for the recovery
 GROWTH = 1.3  # times the latency, at most, from the middle of an overload to its end
 NORMAL = 2.0  # times the latency of a calm node: what is normal again
 MORE = 1.2  # times the memory at half the load, at most, where `max_points` is reached
+REPORTS = 120  # /diagnostics, one a second, until the last update must have come
+COUNTS = (
+    "clouds received",
+    "clouds lost by DDS",
+    "updates",
+    "updates joined",
+    "updates given up",
+)
 SLACK = 0.5  # s that a cloud may be on its way
 
 
@@ -32,12 +42,13 @@ class Load:
     laps: int  # of overload; the same window is full after half of them
     calm: int  # laps after it
     window_s: float
-    max_points: int
+    bound: float  # `max_points`: times the points of a window at the capacity
     first_rate: float  # points/s that the capacity is first measured with
 
 
-FULL = Load((1, 2, 4, 8), 30.0, 4, 2, Config().window_duration, Config().max_points, 20_000.0)
-QUICK = Load((4,), 6.0, 2, 2, 3.0, 150_000, 20_000.0)
+# At the last two factors of both, a window has more points than the bound.
+FULL = Load((1, 2, 4, 8), 30.0, 4, 2, Config().window_duration, 3.0, 20_000.0)
+QUICK = Load((2, 4), 6.0, 2, 2, 3.0, 1.5, 20_000.0)
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,7 @@ class Case:
     stale: Array  # (u,) by how much the update lacks clouds sent before it could begin
     calm_from: float  # stamp
     clouds: int
+    groups: int  # of clouds, that make an update each if none are taken together
     said: dict[str, str]  # the node's last diagnostics
     peak_mb: float
 
@@ -66,10 +78,10 @@ def overload(trial: Trial) -> list[Promise]:
     how = (
         f"{', '.join(f'{factor}' for factor in load.factors)} times the {capacity:,.0f} points/s "
         f"that this machine can do, for {load.laps * load.lap_s:.0f} s each in real time, default "
-        f"settings{'' if load is FULL else ' but for a short window'}"
+        f"settings but for `max_points`{'' if load is FULL else ' and a short window'}"
     )
     return [
-        _memory(cases, how, load),
+        _memory(cases, how, _max_points(load, capacity)),
         _newest(cases),
         _latency(cases, load),
         _recovery(cases, load),
@@ -80,8 +92,8 @@ def overload(trial: Trial) -> list[Promise]:
 # --- running ---------------------------------------------------------------------------------
 
 
-def _settings(load: Load) -> dict[str, object]:
-    return {"window_duration": load.window_s, "max_points": load.max_points}
+def _max_points(load: Load, capacity: float) -> int:
+    return round(load.bound * capacity * load.window_s)
 
 
 def _capacity(load: Load, trial: Trial) -> float:
@@ -89,7 +101,11 @@ def _capacity(load: Load, trial: Trial) -> float:
     rate = load.first_rate
     period = Config().update_period
     options = ReplayOptions(rate=0.0, clock=False, ahead=3.0 * period, patience=PATIENCE)
-    settings = _settings(load) | {"input_reliability": "reliable", "max_backlog": 0}
+    settings = {
+        "window_duration": load.window_s,
+        "input_reliability": "reliable",
+        "max_backlog": 0,
+    }
     for _ in range(2):
         trial.say(f"overload: how fast is {rate:,.0f} points/s segmented?")
         laps = int(np.ceil((load.window_s + 10.0) / load.lap_s))
@@ -109,19 +125,23 @@ def _case(factor: int, capacity: float, load: Load, trial: Trial) -> Case:
     much = Tape(load.lap_s, load.laps, factor * capacity, seed=trial.seed)
     little = Tape(load.lap_s, load.calm, CALM * capacity, first=load.laps, seed=trial.seed)
     sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
-    points = 0
+    points = groups = 0
+    config = Config(window_duration=load.window_s, max_points=_max_points(load, capacity))
+    settings = {"window_duration": config.window_duration, "max_points": config.max_points}
+    grouping = Grouping(config)
 
     def note(sweep: Sweep) -> None:
-        nonlocal points
+        nonlocal points, groups
+        groups += len(grouping.push(sweep))
         sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
         points += len(sweep) if len(sent) <= len(much) else 0
 
-    with running(_settings(load)) as (listener, node, ros_args):
+    with running(settings) as (listener, node, ros_args):
         clouds: Iterable[Sweep] = chain(much, little)
         with Replayer(clouds, ReplayOptions(clock=False), ros_args) as replayer:
             listener.wait_for_topics(START)
             replayer.run(note)
-        said = listener.next_report(PATIENCE)
+        said = last_word(listener, REPORTS, PATIENCE)
         peak_mb = node.peak_memory_mb()
         came = dict(listener.updates)
     begun = min(sent)
@@ -139,6 +159,7 @@ def _case(factor: int, capacity: float, load: Load, trial: Trial) -> Case:
         stale=np.maximum(there - np.array(updates), 0) / SECOND,
         calm_from=seconds,
         clouds=len(sent),
+        groups=groups,
         said=said,
         peak_mb=peak_mb,
     )
@@ -151,7 +172,7 @@ def _each(cases: list[Case], texts: Iterable[str]) -> str:
     return "; ".join(f"{case.factor} x: {text}" for case, text in zip(cases, texts, strict=True))
 
 
-def _memory(cases: list[Case], how: str, load: Load) -> Promise:
+def _memory(cases: list[Case], how: str, max_points: int) -> Promise:
     early = [int(case.said["points expired early"]) for case in cases]
     full = [case for case, points in zip(cases, early, strict=True) if points]
     texts = [
@@ -160,8 +181,10 @@ def _memory(cases: list[Case], how: str, load: Load) -> Promise:
     ]
     return Promise(
         "memory is bounded by `max_points`",
-        f"{how}; most memory of the node; `max_points` {load.max_points:,}",
+        f"{how}; most memory of the node; `max_points` {max_points:,}; where they are reached, at "
+        f"most {MORE:g} times that at half the load",
         _each(cases, texts),
+        len(full) >= 2,
         all(b.peak_mb <= MORE * a.peak_mb for a, b in zip(full, full[1:], strict=False)),
     )
 
@@ -174,6 +197,7 @@ def _newest(cases: list[Case]) -> Promise:
         f"clouds that were sent {SLACK:g} s before an update could begin and are not in it: "
         f"at most `max_backlog` + 1 periods ({behind:g} s) of them",
         _each(cases, [f"{seconds:.1f} s" for seconds in worst]),
+        True,
         max(worst) <= behind,
     )
 
@@ -190,6 +214,7 @@ def _latency(cases: list[Case], load: Load) -> Promise:
         "from a cloud sent to its segments received, in the second half of the overload; median "
         f"of its last quarter at most {GROWTH:g} times that of the one before",
         _each(cases, texts),
+        True,
         kept,
     )
 
@@ -202,6 +227,7 @@ def _recovery(cases: list[Case], load: Load) -> Promise:
         f"then {CALM:g} times the capacity; time until every later latency is below {NORMAL:g} "
         f"times that of the last window; at most {limit:g} s",
         _each(cases, [f"{seconds:.0f} s" for seconds in took]),
+        True,
         max(took) <= limit,
     )
 
@@ -216,17 +242,25 @@ def recovery(case: Case, window_s: float) -> float:
 
 
 def _counted(cases: list[Case]) -> Promise:
-    names = ("clouds received", "clouds lost by DDS", "updates joined")
-    told = [[int(case.said[name]) for name in names] for case in cases]
+    counts = [{name: int(case.said[name]) for name in COUNTS} for case in cases]
     texts = [
-        f"{case.rate:,.0f} points/s, {case.clouds} clouds sent = {came} received + {lost} lost; "
-        f"{joined} updates joined"
-        for case, (came, lost, joined) in zip(cases, told, strict=True)
+        f"{case.rate:,.0f} points/s, {case.clouds} clouds sent, "
+        f"{told['clouds received']} received, {told['clouds lost by DDS']} lost; "
+        f"{case.groups} groups of clouds, {told['updates']} updates, "
+        f"{told['updates joined']} joined, {told['updates given up']} given up"
+        for case, told in zip(cases, counts, strict=True)
     ]
     return Promise(
         "what is lost or taken together is counted",
         "`input_reliability` auto, and a reliable publisher; what /diagnostics count against what "
-        "was sent",
+        "was sent, and against the groups that it makes (where no cloud is lost)",
         _each(cases, texts),
-        all(case.clouds == came + lost for case, (came, lost, _) in zip(cases, told, strict=True)),
+        all(_is_counted(case, told) for case, told in zip(cases, counts, strict=True)),
     )
+
+
+def _is_counted(case: Case, told: dict[str, int]) -> bool:
+    lost = told["clouds lost by DDS"]
+    made = told["updates"] + told["updates joined"] + told["updates given up"]
+    # A group that has lost clouds may end later, or not at all.
+    return case.clouds == told["clouds received"] + lost and (lost > 0 or made == case.groups)

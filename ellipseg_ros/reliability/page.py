@@ -9,8 +9,10 @@ Results = dict[str, Any]  # by name of the subject
 
 INTRODUCTION = """# Reliability
 
-Written by `ellipseg soak`; every figure is of its last run. `make test` holds short versions of
-all of it, `make soak` runs the long ones, about an hour:
+Written by `ellipseg soak`; every figure is of its last run. `make soak` runs all of it, about an
+hour, and `ellipseg soak --quick` short versions, some minutes. `make test` holds those of all but the
+overload, of which it tries the verdicts, and leaves out limits of time and memory, which a machine
+that does other things, too, may break.
 
 ```bash
 ellipseg soak -o docs

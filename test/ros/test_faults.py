@@ -6,6 +6,7 @@ Limits of time are for the long ones: here the machine is busy with other tests.
 import pytest
 
 from ellipseg_ros.reliability import (
+    fault_caches,
     fault_company,
     fault_files,
     fault_kills,
@@ -16,10 +17,15 @@ from ellipseg_ros.reliability.promises import Promise, Trial
 TRIALS = [
     fault_kills.killed_nodes,
     fault_kills.killed_replayers,
+    fault_kills.killed_subscribers,
     fault_files.killed_writers,
     fault_files.full_disks,
+    fault_files.forbidden_places,
     fault_signals.signals,
+    fault_caches.damaged_caches,
+    fault_caches.shared_caches,
     fault_company.second_nodes,
+    fault_company.namespaces,
     fault_company.hanging_subscribers,
 ]
 
