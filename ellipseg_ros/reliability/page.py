@@ -10,9 +10,9 @@ Results = dict[str, Any]  # by name of the subject
 INTRODUCTION = """# Reliability
 
 Written by `ellipseg soak`; every figure is of its last run. `make soak` runs all of it, about an
-hour, and `ellipseg soak --quick` short versions, some minutes. `make test` holds those of all but the
-overload, of which it tries the verdicts, and leaves out limits of time and memory, which a machine
-that does other things, too, may break.
+hour, and `ellipseg soak --quick` short versions, some minutes. `make test` tries all but the
+overload, more shortly still, and of the overload the verdicts. It leaves out limits of time and
+memory that a machine breaks which has other things to do:
 
 ```bash
 ellipseg soak -o docs
