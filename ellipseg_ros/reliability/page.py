@@ -12,7 +12,7 @@ INTRODUCTION = """# Reliability
 Written by `ellipseg soak`; every figure is of its last run. `make soak` runs all of it, about an
 hour, and `ellipseg soak --quick` short versions, some minutes. `make test` tries all but the
 overload, more shortly still, and of the overload the verdicts. It leaves out limits of time and
-memory that a machine breaks which has other things to do:
+memory, which a machine breaks that has other things to do.
 
 ```bash
 ellipseg soak -o docs
