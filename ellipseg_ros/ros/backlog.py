@@ -18,7 +18,6 @@ class Update:
     config: Config
     shown: NodeConfig
     arrived: float  # s, monotonic clock: when the cloud that closed the group came
-    groups: int = 1  # how many were taken together
     reason: str = "set"  # why the settings are as they are, if they have changed
 
 
@@ -59,14 +58,12 @@ class Batch:
         self._parts = deque([update])
         self._layout = _layout(update.sweep)
         self.restart = update.sweep.restart  # of the first group, which may have expired
-        self.groups = update.groups
         self.points = len(update.sweep)
 
     def add(self, later: "Batch") -> None:
         """Take another one in; raises InputError if their fields cannot be joined."""
         self._layout = joined_layout(self._layout, later._layout)
         self._parts += later._parts
-        self.groups += later.groups
         self.points += later.points
 
     def make_room(self) -> int:
@@ -84,14 +81,13 @@ class Batch:
 
     def joined(self) -> Update:
         """One update with the newest settings, and with the oldest arrival for the latency."""
-        if len(self._parts) == 1 and self._parts[0].groups == self.groups:
+        if len(self._parts) == 1 and self._parts[0].sweep.restart == self.restart:
             return self._parts[0]
         sweep = join_sweeps([part.sweep for part in self._parts])
         return replace(
             self._parts[-1],
             sweep=replace(sweep, restart=self.restart),
             arrived=self._parts[0].arrived,
-            groups=self.groups,
         )
 
 
@@ -174,7 +170,7 @@ def _taken_together(tasks: list[Waiting]) -> tuple[deque[Waiting], Overload]:
         new[0].add(later)
     overload = Overload(
         max(0, len(new) - 1),
-        sum(batch.groups for batch in old),
+        len(old),  # what was joined to them is counted already
         sum(batch.points for batch in old),
         new[0].make_room() if new else 0,
     )

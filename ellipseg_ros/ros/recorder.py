@@ -89,10 +89,12 @@ class Recorder(Guest):
         client = self.node.create_client(Trigger, "ellipseg_segmenter/reset")
         if not client.wait_for_service(timeout):
             raise EllipsegError("the node offers no service ~/reset; does it still run?")
-        done: list[bool] = []
+        answers: list[Trigger.Response] = []
         future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda _: self._note(lambda: done.append(True)))
-        self._changed.expect(lambda: bool(done), timeout, "the node does not answer ~/reset")
+        future.add_done_callback(lambda it: self._note(lambda: answers.append(it.result())))
+        self._changed.expect(lambda: bool(answers), timeout, "the node does not answer ~/reset")
+        if not answers[0].success:
+            raise EllipsegError(f"the node refuses ~/reset: {answers[0].message}")
 
     def stop(self, reason: str) -> None:
         """Let everything that waits fail with `reason`; for any thread."""

@@ -150,7 +150,7 @@ class SegmenterNode:
         try:
             self._hand_over(self._grouping.flush(), time.monotonic())
         except InputError as error:
-            self._health.rejected(error.reason)
+            self._health.group_rejected(error.reason)
         self._grouping = Grouping(self._config)
         self._backlog.put(Reset("~/reset was called"))
         response.success = True

@@ -49,7 +49,6 @@ def test_beyond_the_limit_all_are_taken_together_and_no_point_is_lost():
     (joined,) = drain(backlog)
     assert joined.sweep.times_ns.tolist() == [1, 1, 2, 2, 3, 3]
     assert joined.sweep.points[:, 0].tolist() == [1, 1, 2, 2, 3, 3]
-    assert joined.groups == 3
     assert joined.arrived == 1.0  # the latency is that of the one that waited longest
     assert joined.config.criterion == "density"
 
@@ -59,7 +58,15 @@ def test_what_was_joined_is_joined_again():
     said = [backlog.put(update(stamp), 1) for stamp in (1, 2, 3)]
     assert said == [None, Overload(1, 0), Overload(1, 0)]
     (joined,) = drain(backlog)
-    assert joined.groups == 3 and len(joined.sweep) == 6
+    assert len(joined.sweep) == 6
+
+
+def test_what_was_joined_and_is_then_given_up_counts_once():
+    backlog = Backlog()
+    tasks = [update(1), update(2), update(3), update(4, restart="a jump"), update(5)]
+    said = [one for task in tasks if (one := backlog.put(task, 1))]
+    taken = len(drain(backlog))
+    assert taken + sum(one.joined + one.given_up for one in said) == len(tasks)
 
 
 @pytest.mark.parametrize("restart", [update(3, restart="a jump"), Reset("asked for")])
@@ -84,7 +91,7 @@ def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
     said = [backlog.put(group, 1) for group in groups]
     (joined,) = drain(backlog)
     assert len(joined.sweep) == 8  # whole groups
-    assert (joined.groups, joined.arrived, joined.sweep.restart) == (20, 17.0, "a jump")
+    assert (joined.arrived, joined.sweep.restart) == (17.0, "a jump")
     whole, bounded = Window(), Window()
     of_all = whole.push(join_sweeps([group.sweep for group in groups]), config).crowded_out
     of_rest = bounded.push(joined.sweep, config).crowded_out
