@@ -2,35 +2,28 @@
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from ellipseg_ros.cli.listening import Listening
-from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain
+from ellipseg_ros.cli.running import START
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep, join_sweeps
 from ellipseg_ros.grouping import Grouping, updates
 from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.pointcloud2 import read_fields
 from ellipseg_ros.measuring.memory import state_bytes
+from ellipseg_ros.reliability.lossless import lossless
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.outputs import DEPTH
-from ellipseg_ros.ros.playback import ReplayOptions
 from ellipseg_ros.ros.recorder import Recorder
-from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import Segmenter
 
-LOSSLESS = ["-p", "max_backlog:=0", "-p", "input_reliability:=reliable"]
 GROWTH = 0.05  # of memory, at most
 SLOWER = 1.2  # times the processing time, at most
-PATIENCE = 120.0  # s for one update
 HANGS = 2 * DEPTH  # updates: DDS keeps its most for a subscriber that has read nothing of so many
 
 
@@ -109,34 +102,16 @@ def hour(trial: Trial) -> list[Promise]:
 
 def _through_the_node(tape: Tape, length: Length, trial: Trial) -> Drive:
     """As fast as the node can, every topic subscribed, nothing lost."""
-    config = _config(length)
-    period = config.update_period
-    options = ReplayOptions(
-        rate=0.0, clock=False, ahead=2.0 * period, update_period=period, patience=PATIENCE
-    )
     drive = Drive()
-    with ExitStack() as stack:
-        ros_args = stack.enter_context(domain())
-        folder = Path(stack.enter_context(TemporaryDirectory()))
-        recorder = stack.enter_context(Recorder(drive.latest, ros_args))
-        other = stack.enter_context(Listening(ros_args))
-        replayer = stack.enter_context(Replayer(tape, options, ros_args))
-
-        def give_up(reason: str) -> None:
-            recorder.stop(reason)
-            replayer.stop()
-
-        args = [*ros_args, *LOSSLESS, "-p", f"window_duration:={length.window_s}"]
-        node = stack.enter_context(NodeProcess(args, folder / "node.log", give_up))
-        node.start()
-        drive.latest.memory_mb = node.memory_mb
-        recorder.wait_for_topics(START)
+    settings = {"window_duration": length.window_s}
+    with (
+        lossless(tape, _config(length), drive.latest, settings) as through,
+        Listening(through.ros_args) as other,
+    ):
+        drive.latest.memory_mb = through.node.memory_mb
         other.wait_for_topics(START)
-        replayer.run(_watch(drive, recorder, other, length, trial))
-        recorder.wait_for_updates(drive.updates, PATIENCE)
-        recorder.wait_for_report("updates", drive.updates, PATIENCE)
-        drive.said = recorder.diagnostics
-        node.stop()
+        through.replayer.run(_watch(drive, through.recorder, other, length, trial))
+        drive.said = through.finish(drive.updates)
     return drive
 
 

@@ -2,25 +2,18 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from ellipseg_ros.cli.check import equal
-from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND, Segmentation, Sweep
 from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.reliability.lossless import PATIENCE, lossless
 from ellipseg_ros.reliability.promises import Promise, Trial
-from ellipseg_ros.ros.playback import ReplayOptions
-from ellipseg_ros.ros.recorder import Recorder
-from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
 from ellipseg_ros.stamps import Stamps
@@ -29,7 +22,6 @@ CONFIG = Config(update_period=0.5, window_duration=1.5)
 CLOUDS = 15  # of every part of a drive
 STEP = 0.1  # s from cloud to cloud
 YEAR = 365 * 86400.0  # s
-PATIENCE = 120.0  # s
 PARTS = ("on", "on", "swapped", "equal", "gap", "loop", "wrong", "frame", "still")
 
 
@@ -130,40 +122,17 @@ def _gaps(drive: list[Sweep]) -> int:
 
 def _through_the_node(drive: list[Sweep], count: int, simulated: bool) -> Notes:
     """As fast as the node can, nothing lost; nobody publishes /clock."""
-    period = CONFIG.update_period
     settings = {
-        "max_backlog": 0,
-        "input_reliability": "reliable",
-        "update_period": period,
+        "update_period": CONFIG.update_period,
         "window_duration": CONFIG.window_duration,
         "use_sim_time": str(simulated).lower(),
     }
-    given = [word for pair in settings.items() for word in ("-p", "{}:={}".format(*pair))]
-    options = ReplayOptions(
-        rate=0.0, clock=False, ahead=2.0 * period, update_period=period, patience=PATIENCE
-    )
     notes = Notes()
-    with ExitStack() as stack:
-        ros_args = stack.enter_context(domain())
-        folder = Path(stack.enter_context(TemporaryDirectory()))
-        recorder = stack.enter_context(Recorder(notes, ros_args))
-        replayer = stack.enter_context(Replayer(drive, options, ros_args))
-
-        def give_up(reason: str) -> None:
-            recorder.stop(reason)
-            replayer.stop()
-
-        log = folder / "node.log"
-        node = stack.enter_context(NodeProcess([*ros_args, *given], log, give_up))
-        node.start()
-        recorder.wait_for_topics(START)
-        replayer.run()
-        recorder.wait_for_updates(count, PATIENCE)
-        recorder.wait_for_report("updates", count, PATIENCE)
-        recorder.wait_for_report("clouds received", len(drive), PATIENCE)
-        notes.said = recorder.diagnostics
-        node.stop()
-        notes.log = log.read_text("utf-8", "replace")
+    with lossless(drive, CONFIG, notes, settings) as through:
+        through.replayer.run()
+        through.recorder.wait_for_report("clouds received", len(drive), PATIENCE)
+        notes.said = through.finish(count)
+        notes.log = through.log.read_text("utf-8", "replace")
     return notes
 
 
