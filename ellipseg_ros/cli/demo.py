@@ -3,11 +3,13 @@
 import os
 import sys
 from argparse import Namespace
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from ellipseg_ros.cli.check import Check, received
+from ellipseg_ros.cli.domains import claimed_domain
 from ellipseg_ros.cli.node_process import NodeProcess
 from ellipseg_ros.cli.report import (
     Meter,
@@ -20,6 +22,7 @@ from ellipseg_ros.cli.report import (
     window_summary,
 )
 from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare
+from ellipseg_ros.cli.running import LOCAL, environment
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
@@ -64,8 +67,8 @@ def run(args: Namespace) -> int:
     settings = with_settings(read_settings(args, defaults), LOSSLESS | STEADY)
     folder = Path(args.output)
     prepare(folder, args.data)
-    _keep_to_ourselves()
-    live = _replay(source, settings, folder, args)
+    with _to_ourselves():
+        live = _replay(source, settings, folder, args)
     check, meter = _check(source, settings, folder, live, args)
     summary = _summary(heading(args.data, source.frame_id, settings), live, check, meter)
     finish(folder, summary, meter.last, args)
@@ -80,10 +83,15 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _keep_to_ourselves() -> None:
+@contextmanager
+def _to_ourselves() -> Iterator[None]:
     """This machine only; a domain of our own, unless the user names one, to watch it there."""
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    with ExitStack() as stack:
+        stack.enter_context(environment(LOCAL))
+        if "ROS_DOMAIN_ID" not in os.environ:
+            number = stack.enter_context(claimed_domain())
+            stack.enter_context(environment({"ROS_DOMAIN_ID": str(number)}))
+        yield
 
 
 def _replay(source: Source, settings: Settings, folder: Path, args: Namespace) -> Live:

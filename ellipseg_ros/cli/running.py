@@ -7,9 +7,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from ellipseg_ros.cli.domains import claimed_domain
 from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
 
+LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 START = 180.0  # s: imports, and the first compilation of all kernels
 
 
@@ -35,11 +37,7 @@ def parameters(settings: dict[str, Any]) -> list[str]:
 @contextmanager
 def domain(log_level: str = "WARN") -> Iterator[list[str]]:
     """This machine only, in a domain and a namespace of our own; yields the arguments for it."""
-    ours = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-    }
-    with environment(ours):
+    with claimed_domain() as number, environment(LOCAL | {"ROS_DOMAIN_ID": str(number)}):
         yield ["--ros-args", "-r", f"__ns:=/measured_{os.getpid()}", "--log-level", log_level]
 
 
