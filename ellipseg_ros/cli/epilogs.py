@@ -50,7 +50,7 @@ BENCH = """examples:
   ellipseg bench -o docs                    write docs/benchmarks.md, .json and .png"""
 
 SOAK = """examples:
-  ellipseg soak                             all of it, about an hour
+  ellipseg soak                             all of it, an hour and a quarter
   ellipseg soak hour overload --quick
   ellipseg soak -o docs                     write docs/reliability.md and .json
 

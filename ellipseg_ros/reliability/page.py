@@ -9,10 +9,10 @@ Results = dict[str, Any]  # by name of the subject
 
 INTRODUCTION = """# Reliability
 
-Written by `ellipseg soak`; every figure is of its last run. `make soak` runs all of it, about an
-hour, and `ellipseg soak --quick` short versions, some minutes. `make test` tries all but the
-overload, more shortly still, and of the overload the verdicts. It leaves out limits of time and
-memory, which a machine breaks that has other things to do.
+Written by `ellipseg soak`; every figure is of its last run. `make soak` runs all of it, an hour
+and a quarter, and `ellipseg soak --quick` short versions, some minutes. `make test` tries all but
+the overload, more shortly still, and of the overload the verdicts. It leaves out limits of time
+and memory, which a machine breaks that has other things to do.
 
 ```bash
 ellipseg soak -o docs

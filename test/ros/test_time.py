@@ -11,17 +11,13 @@ from harness import SECOND, peer, running
 from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.cli.check import equal
-from ellipseg_ros.config import Config
-from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.reliability import times
+from ellipseg_ros.reliability.times import CONFIG, YEAR
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
-from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulator import simulate
-
-CONFIG = Config(update_period=0.5, window_duration=1.5)
-YEAR = 365 * 86400.0  # s
 
 
 def restamped(sweeps, first, every=0.1):
@@ -59,9 +55,8 @@ def thirds(count):
 
 @pytest.fixture(scope="module")
 def offline(drive):
-    """All updates but the last one, which no stamp closes."""
-    segmenter = Segmenter(CONFIG)
-    return [segmenter.process(group) for group in updates(drive, CONFIG)][:-1]
+    """What it gives without ROS."""
+    return times.offline(drive)
 
 
 @pytest.fixture(scope="module", params=["false", "true"], ids=["wall time", "sim time"])
