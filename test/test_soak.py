@@ -21,7 +21,7 @@ from ellipseg_ros.reliability.fault_kills import Scene, _judge
 from ellipseg_ros.reliability.fault_signals import Ending, Program, _problem, signals
 from ellipseg_ros.reliability.hour import equal_segments
 from ellipseg_ros.reliability.last_word import COUNTS, last_word
-from ellipseg_ros.reliability.overload import Case, _counted, _memory, recovery
+from ellipseg_ros.reliability.overload import Case, _bound, _counted, _newest, _peaks, recovery
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.witness import Heard
@@ -98,9 +98,9 @@ def test_a_result_of_other_ids_is_equal_and_any_other_is_not(found):
 
 
 @pytest.mark.parametrize(("late", "seconds"), [(0, 0.0), (3, 2.0), (12, 11.0)])
-def test_recovery_is_until_the_last_late_update(late, seconds):
+def test_recovery_is_until_the_last_late_update_but_a_lone_one(late, seconds):
     stamp = np.arange(40.0)
-    latency = np.where(stamp < 20 + late, 5.0, 0.5)
+    latency = np.where((stamp < 20 + late) | (stamp == 35.0), 5.0, 0.5)
     case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, 40, {}, 500.0)
     assert recovery(case, 10.0) == seconds
 
@@ -124,8 +124,21 @@ def overloaded(factor=4, peak_mb=500.0, early=9, groups=40, **counts):
     ],
 )
 def test_that_memory_is_bounded_is_shown_by_two_that_reach_the_bound(second, holds, in_limits):
-    row = _memory([overloaded(), overloaded(8, **second)], "", 1000)
+    row = _bound([overloaded(), overloaded(8, **second)], 1000)
     assert (row.holds, row.in_limits) == (holds, in_limits)
+
+
+@pytest.mark.parametrize(
+    ("early", "holds"), [((0, 0, 9), True), ((0, 0, 0), False), ((0, 9, 8), False)]
+)
+def test_more_points_expire_early_at_a_higher_load(early, holds):
+    assert _peaks([overloaded(early=count) for count in early], "", 1000).kept == holds
+
+
+@pytest.mark.parametrize(("late", "kept"), [(1, True), (3, False)])
+def test_a_message_that_is_sent_again_is_no_old_update(late, kept):
+    stale = np.where(np.arange(40) < late, 4.0, 1.5)
+    assert _newest([replace(overloaded(), stale=stale)]).kept == kept
 
 
 @pytest.mark.parametrize(
