@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from threading import Timer
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,12 @@ from ellipseg_ros.measuring.memory import state_bytes
 from ellipseg_ros.reliability.lossless import lossless
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
-from ellipseg_ros.ros.outputs import DEPTH
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.segmenter import Segmenter
 
 GROWTH = 0.05  # of memory, at most
 SLOWER = 1.2  # times the processing time, at most
-HANGS = 2 * DEPTH  # updates: DDS keeps its most for a subscriber that has read nothing of so many
+HANGS = 5.0  # s: DDS then keeps its most for a subscriber, and has not given it up
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _watch(
     """
     grouping = Grouping(_config(length))
     first: list[int] = []
-    until: list[int] = []  # the update with which it reads on
+    hangs: list[Timer] = []  # that lets it read on; not an update, which it may hold up
 
     def sent(sweep: Sweep) -> None:
         drive.clouds += 1
@@ -140,11 +140,10 @@ def _watch(
             drive.recent.popleft()
         first[:] = first or [sweep.stamp_ns]
         lap = length.lap(sweep.stamp_ns - first[0])
-        if lap == 2 and not until:
+        if lap == 2 and not hangs:
+            hangs.append(Timer(HANGS, other.read_on))
             other.stop_reading()
-            until.append(drive.updates + HANGS)
-        elif until and drive.updates >= until[0]:
-            other.read_on()  # which does nothing once it does
+            hangs[0].start()
         if lap not in drive.processing_ms:
             trial.say(f"hour: lap {lap} of {length.laps}")
         said = recorder.diagnostics.get("processing median [s]", "nan")
@@ -183,7 +182,7 @@ def _memory(drive: Drive, tape: Tape, length: Length) -> Promise:
         "the node's memory does not grow",
         f"{length.laps * length.lap_s / 60.0:g} min of driving in ever new places, "
         f"{drive.points:,} points, {drive.updates:,} updates, all topics subscribed twice, "
-        f"one subscriber hangs for {HANGS} updates in lap 2, so that DDS keeps all that it ever "
+        f"one subscriber hangs for {HANGS:g} s in lap 2, so that DDS keeps all that it ever "
         f"will; resident memory, mean over a lap of {length.lap_s:g} s",
         f"lap {length.early}: {early:.0f} MB, lap {length.laps}: {late:.0f} MB ({growth:+.1%}; "
         f"at most {GROWTH:+.0%})",
