@@ -81,12 +81,18 @@ class Check:
         expected = self._count(group, found.start_ns, found.restart)
         self.accounted += self._accounted(expected, node)
         self.conserved += self._conserved(found, node)
-        same = equal(node.cloud, write_labelled(found))
-        same = same and equal(node.segments, self._stream.update(found))
-        same = same and equal_landmarks(found, node.landmarks)
-        self.identical += same
-        if not same:
-            self.problems.append(f"update {self.updates} differs from the offline result")
+        same = {
+            "segmented_points": equal(node.cloud, write_labelled(found)),
+            "segments": equal(node.segments, self._stream.update(found)),
+            "landmarks": equal_landmarks(found, node.landmarks),
+        }
+        other = [topic for topic, is_equal in same.items() if not is_equal]
+        self.identical += not other
+        if other:
+            topics = ", ".join(other)
+            self.problems.append(
+                f"update {self.updates} differs from the offline result: {topics}"
+            )
 
     def summary(self) -> Summary:
         """The verdict, for people."""
