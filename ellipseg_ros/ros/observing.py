@@ -57,7 +57,7 @@ class Observer(Guest):
             raise _not_started(error) from error
         try:
             self._topic = self.node.resolve_topic_name(topic or "points")
-        except Exception as error:
+        except Exception as error:  # likewise
             self.close()
             raise _not_started(error) from error
 

@@ -1,6 +1,5 @@
 """A publisher of messages as bytes, whatever they hold: for `ellipseg soak`."""
 
-from threading import Condition
 from typing import Any
 
 from rclpy.duration import Duration
@@ -9,6 +8,7 @@ from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.msg import LandmarkArray
+from ellipseg_ros.news import News
 from ellipseg_ros.ros.guest import Guest
 
 TYPES: dict[str, Any] = {"points": PointCloud2, "landmarks": LandmarkArray}
@@ -22,7 +22,7 @@ class Sender(Guest):
     """
 
     def __init__(self, topic: str, args: list[str]) -> None:
-        self._changed = Condition()
+        self._changed = News()
         self._listeners = 0
         super().__init__("ellipseg_sender", args)
         events = PublisherEventCallbacks(matched=self._on_match)
@@ -32,9 +32,7 @@ class Sender(Guest):
 
     def wait_for_listener(self, timeout: float) -> None:
         """Wait until somebody listens; raises EllipsegError after `timeout` s."""
-        with self._changed:
-            if not self._changed.wait_for(lambda: self._listeners > 0, timeout):
-                raise EllipsegError(f"nobody listens within {timeout:g} s")
+        self._changed.expect(lambda: self._listeners > 0, timeout, "nobody listens")
 
     def send(self, message: bytes) -> None:
         """Publish a serialized message."""
