@@ -10,7 +10,6 @@ from typing import Any
 from ellipseg_ros.news import News
 
 START = "import sys; from ellipseg_ros.ros.listener import main; sys.exit(main())"
-TOPICS = 4
 FAREWELL = 10.0  # s
 
 
@@ -20,7 +19,7 @@ class Listening:
     def __init__(self, ros_args: list[str]) -> None:
         self._args = ros_args
         self._changed = News()
-        self._matched: set[str] = set()
+        self._known = False
         self.updates: dict[int, int] = {}  # stamp of an update, ns: when its segments came
         self.diagnostics: dict[str, str] = {}  # the latest
 
@@ -65,8 +64,8 @@ class Listening:
         self._changed.give_up(reason)
 
     def wait_for_topics(self, timeout: float) -> None:
-        """Wait until all topics are published; raises EllipsegError after `timeout` s."""
-        self._changed.expect(lambda: len(self._matched) == TOPICS, timeout, "nothing is published")
+        """Wait until all topics are published to it; raises EllipsegError after `timeout` s."""
+        self._changed.expect(lambda: self._known, timeout, "nothing is published")
 
     def wait_for_update(self, stamp_ns: int, timeout: float) -> int:
         """When the update of this stamp came, ns; raises EllipsegError after `timeout` s."""
@@ -88,8 +87,7 @@ class Listening:
 
     def _take(self, news: dict[str, Any]) -> None:
         with self._changed:
-            if news.get("publishers"):
-                self._matched.add(news["matched"])
+            self._known = self._known or news.get("known", False)
             if news.get("stamp_ns"):
                 self.updates[news["stamp_ns"]] = news["now_ns"]
             self.diagnostics = news.get("diagnostics", self.diagnostics)

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import SECOND, Array, Landmarks
+from ellipseg_ros.data import Array, Landmarks
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.landmark_map import check
 
 MOST = 5000  # landmarks of a message: a window has hundreds, and each is held against the map
@@ -38,9 +39,7 @@ def read_landmarks(message: Any) -> Landmarks:
         high=_points(rows, "high"),
         covariance=_table([row.covariance for row in rows], 36).reshape(-1, 6, 6),
         stability=np.array([row.stability for row in rows], np.float64),
-        first_seen_ns=np.array(
-            [row.first_seen.sec * SECOND + row.first_seen.nanosec for row in rows], np.int64
-        ),
+        first_seen_ns=np.array([nanoseconds(row.first_seen) for row in rows], np.int64),
     )
     if (np.diff(found.ids.astype(np.int64)) == 0).any():
         raise InputError("a landmark's id occurs twice", "ids")

@@ -18,6 +18,11 @@ def read_stamp(stamp: Any) -> int:
             f"and less than {SECOND} ns",
             "stamp",
         )
+    return nanoseconds(stamp)
+
+
+def nanoseconds(stamp: Any) -> int:
+    """A builtin_interfaces/Time in ns, whatever it says."""
     return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 

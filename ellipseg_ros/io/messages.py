@@ -179,7 +179,8 @@ class Markers:
     """What a viewer must be told after each update, so that it shows the ellipsoids of now.
 
     Changed markers at once, the others again within 5 s of sensor time, in slices, so that no
-    message is lost for long; the dead are deleted, at a restart all.
+    message is lost for long; the dead are deleted, at a restart all. So they are with the first
+    message, as a viewer may still have those of a node that was killed.
     """
 
     def __init__(self, config: NodeConfig) -> None:
@@ -190,21 +191,24 @@ class Markers:
         self._sequence = -1  # of the last update
         self._end = 0  # ns: its end
         self._all = True
+        self._anew = True  # nothing was sent yet
 
     def configure(self, config: NodeConfig) -> None:
         """Take new settings; if they change the markers, all are sent with the next update."""
         self._all = self._all or config != self._config
         self._config = config
 
-    def update(self, found: Segmentation, everything: bool = False) -> bytes:
+    def update(self, found: Segmentation, everything: bool = False, anew: bool = False) -> bytes:
         """A serialized visualization_msgs/MarkerArray.
 
-        everything: somebody new is looking. All markers are sent, too, if an update was left out.
+        everything: send all markers, as is done, too, if an update was left out. anew: somebody
+        new is looking; send all, and before them take away whatever is on show.
         """
+        anew = anew or self._anew or bool(found.restart)
         order = np.argsort(found.ids)
         rows = order[found.ellipsoids.count[order] >= self._config.marker_min_count]
         ids = found.ids[rows]
-        if everything or self._all or found.restart or found.sequence != self._sequence + 1:
+        if everything or anew or self._all or found.sequence != self._sequence + 1:
             send = np.ones(len(rows), bool)
         else:
             send = (found.state[rows] != State.UNCHANGED) | self._due(ids, found.end_ns)
@@ -213,13 +217,9 @@ class Markers:
         dead = np.setdiff1d(self._shown, ids, True)
         self._sent = np.where(send, found.end_ns, self._last_sent(ids))
         self._objects = found.object_ids[rows]
-        self._shown, self._sequence, self._end, self._all = (
-            ids,
-            found.sequence,
-            found.end_ns,
-            False,
-        )
-        return self._write(found, rows[send], dead[:0] if found.restart else dead)
+        self._shown, self._sequence, self._end = ids, found.sequence, found.end_ns
+        self._all = self._anew = False
+        return self._write(found, rows[send], dead[:0] if anew else dead, anew)
 
     def _due(self, ids: Array, end_ns: int) -> Array:
         """(s,) bool: the markers that must go now, or the next update would be too late for them.
@@ -241,9 +241,9 @@ class Markers:
         known = np.append(self._shown, 0)[place] == ids
         return np.where(known, np.append(column, 0)[place], np.int64(unknown))
 
-    def _write(self, found: Segmentation, rows: Array, dead: Array) -> bytes:
-        """Markers for the `rows` of found, behind the deletions."""
-        gone = np.append(np.zeros(1 if found.restart else 0, np.uint32), dead)
+    def _write(self, found: Segmentation, rows: Array, dead: Array, anew: bool) -> bytes:
+        """Markers for the `rows` of found, behind the deletions; anew: of all that there are."""
+        gone = np.append(np.zeros(int(anew), np.uint32), dead)
         action = np.full(len(gone) + len(rows), ADD, np.int32)
         action[: len(gone)] = DELETE
         action[: len(gone) - len(dead)] = DELETE_ALL

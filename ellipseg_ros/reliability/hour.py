@@ -14,6 +14,7 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND, Array, Segmentation, Sweep, join_sweeps
 from ellipseg_ros.grouping import Grouping, updates
 from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_fields
 from ellipseg_ros.measuring.memory import state_bytes
 from ellipseg_ros.reliability.lossless import lossless
@@ -218,7 +219,7 @@ def _speed(drive: Drive, length: Length) -> Promise:
 
 def _equal_to_batch(drive: Drive, tape: Tape, length: Length) -> Promise:
     said, cloud = (drive.latest.decoded(topic) for topic in ("/segments", "/segmented_points"))
-    end_ns = said.window_end.sec * SECOND + said.window_end.nanosec
+    end_ns = nanoseconds(said.window_end)
     recent = [s for s in drive.recent if int(s.times_ns.max(initial=s.stamp_ns)) <= end_ns]
     config = _config(length)
     origin = Segmenter(config).process(next(iter(tape))).origin

@@ -12,11 +12,12 @@ from visualization_msgs.msg import MarkerArray
 from ellipseg_ros.data import SECOND
 from ellipseg_ros.msg import LandmarkArray, SegmentArray
 
+GREETING = "ellipsoids"  # a segmenter sends something to everybody who subscribes to it
 TOPICS = {
     "segmented_points": PointCloud2,
-    "ellipsoids": MarkerArray,
     "landmarks": LandmarkArray,
     "segments": SegmentArray,
+    GREETING: MarkerArray,  # the last: who is greeted there is known on all topics
 }
 DEPTH = 100  # messages kept while others are dealt with
 
@@ -24,16 +25,31 @@ DEPTH = 100  # messages kept while others are dealt with
 def hear(
     node: Node,
     on_message: Callable[[str, bytes], object],
-    on_match: Callable[[str, int], object],
+    on_known: Callable[[], object],
     on_diagnostics: Callable[[dict[str, str]], object],
 ) -> None:
     """Subscribe to all topics of the segmenter in the node's namespace.
 
-    The callbacks get topic and bytes; topic and its number of publishers; what /diagnostics says.
+    on_message gets topic and bytes, on_diagnostics what /diagnostics say. on_known is called once
+    we know of publishers of all topics and they know of us: one learns of the other first, and
+    what is published meanwhile is lost.
     """
+    unknown = {*TOPICS, "greeting"}
+
+    def know(what: str) -> None:
+        if what in unknown:
+            unknown.remove(what)
+            if not unknown:
+                on_known()
 
     def matched(topic: str, event: QoSSubscriptionMatchedInfo) -> None:
-        on_match(topic, event.current_count)
+        if event.current_count:
+            know(topic)
+
+    def heard(topic: str, data: bytes) -> None:
+        if topic == GREETING:
+            know("greeting")
+        on_message(topic, data)
 
     def diagnosed(msg: DiagnosticArray) -> None:
         for status in of_segmenter(node, msg):
@@ -43,7 +59,7 @@ def hear(
         node.create_subscription(
             kind,
             topic,
-            lambda data, topic=topic: on_message(topic, data),
+            lambda data, topic=topic: heard(topic, data),
             DEPTH,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(

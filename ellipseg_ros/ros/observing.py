@@ -20,6 +20,7 @@ from sensor_msgs.msg import PointCloud2
 from ellipseg_ros.data import SECOND
 from ellipseg_ros.doctor.seen import Cloud, End, Graph, SegmenterSeen, Topic
 from ellipseg_ros.errors import EllipsegError, InputError
+from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.ros.cloud_input import BEST_EFFORT, RELIABLE
 from ellipseg_ros.ros.guest import Guest
@@ -125,7 +126,7 @@ class Observer(Guest):
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrived, now_ns = time.monotonic(), time.time_ns()
-        stamp_ns = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
+        stamp_ns = nanoseconds(msg.header.stamp)
         finite, timed, problem = 0, False, ""
         try:
             sweep = read_sweep(msg)

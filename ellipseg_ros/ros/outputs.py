@@ -62,13 +62,11 @@ class Outputs:
         self._send(self._segments, lambda: self._stream.update(found))
 
     def greet(self) -> None:
-        """Somebody new looks: show all, and before the first update take away what a node left
-        that was killed.
-        """
+        """Somebody new looks: show all, and take away what a node left that was killed."""
         if self._latest is None:
             self.clear()
         else:
-            self.show_all()
+            self.show_all(anew=True)
 
     def rivals(self) -> int:
         """How many other publishers of `segments` there are, in this namespace.
@@ -77,11 +75,13 @@ class Outputs:
         """
         return max(0, self._node.count_publishers(self._segments.topic_name) - 1)
 
-    def show_all(self) -> None:
-        """Send every marker again."""
+    def show_all(self, anew: bool = False) -> None:
+        """Send every marker again; anew: behind a marker that takes all away."""
         found = self._latest
         if found is not None:
-            self._send(self._ellipsoids, lambda: self._markers.update(found, everything=True))
+            self._send(
+                self._ellipsoids, lambda: self._markers.update(found, everything=True, anew=anew)
+            )
 
     def list_all(self) -> None:
         """Send the last update on `segments` again, in full, if it went out as changes."""

@@ -11,7 +11,7 @@ from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.news import News
 from ellipseg_ros.ros.guest import Guest
-from ellipseg_ros.ros.hearing import TOPICS, header_time, hear, update_number
+from ellipseg_ros.ros.hearing import header_time, hear, update_number
 
 STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
 OPTIONAL = "landmarks"  # not published if they are not looked for
@@ -38,7 +38,7 @@ class Recorder(Guest):
     def __init__(self, bag: Sink, args: list[str] | None = None) -> None:
         self._bag = bag
         self._changed = News()  # guards the bag, too
-        self._matched = dict.fromkeys(TOPICS, 0)
+        self._known = False
         self._time_ns: int | None = None  # of the newest update
         self._stamps: dict[str, int] = {}  # of the last message that came, by topic
         self._update: int | None = None  # its number
@@ -46,7 +46,7 @@ class Recorder(Guest):
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
         super().__init__("ellipseg_recorder", args or [])
-        hear(self.node, self._on_message, self._on_match, self._on_diagnostics)
+        hear(self.node, self._on_message, self._on_known, self._on_diagnostics)
 
     def write_points(self, sweep: Sweep) -> None:
         """Note a cloud that was sent."""
@@ -54,13 +54,11 @@ class Recorder(Guest):
             self._bag.write_points(sweep)
 
     def wait_for_topics(self, timeout: float) -> None:
-        """Wait until the segmenter publishes all topics, so that no update is lost.
+        """Wait until the segmenter publishes all topics to us, so that no update is lost.
 
         Raises EllipsegError after `timeout` s.
         """
-        self._changed.expect(
-            lambda: all(self._matched.values()), timeout, "the node publishes nothing"
-        )
+        self._changed.expect(lambda: self._known, timeout, "the node publishes nothing")
 
     def wait_for_updates(self, count: int, timeout: float) -> None:
         """Wait until `count` updates have come, the last one on all topics that bear its time.
@@ -125,8 +123,10 @@ class Recorder(Guest):
         before, self._update = self._update, update_number(data)
         return self._update == before
 
-    def _on_match(self, topic: str, publishers: int) -> None:
-        self._note(lambda: self._matched.update({topic: publishers}))
+    def _on_known(self) -> None:
+        with self._changed:
+            self._known = True
+            self._changed.notify_all()
 
     def _on_diagnostics(self, values: dict[str, str]) -> None:
         with self._changed:

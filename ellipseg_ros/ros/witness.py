@@ -4,11 +4,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.data import SECOND
+from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.news import News
@@ -99,8 +98,3 @@ class Witness(Guest):
         with self._changed:
             self.said += [(now, status.message) for status in of_segmenter(self.node, message)]
             self._changed.notify_all()
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Of a message's stamp, ns."""
-    return int(stamp.sec * SECOND + stamp.nanosec)

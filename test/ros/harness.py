@@ -15,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from visualization_msgs.msg import MarkerArray
 
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.io.pointcloud2 import write_sweep
@@ -184,6 +185,10 @@ class Peer:
             kind, topic, inbox.put, 1000, event_callbacks=events, raw=raw
         )
         return inbox.wait_for_publisher()
+
+    def wait_until_known(self, namespace=""):
+        """Wait until the segmenter knows of all that we listen to, and not only we of it."""
+        self.listen(MarkerArray, f"{namespace}/ellipsoids").wait_for(1)
 
     def speak(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
         """Make a publisher, and wait until somebody listens."""

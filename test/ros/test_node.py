@@ -73,6 +73,7 @@ def replayed(domain, drive, tmp_path_factory):
         clouds = me.listen(PointCloud2, "/car_1/segmented_points", raw=True)
         markers = me.listen(MarkerArray, "/car_1/ellipsoids")
         me.speak(PointCloud2, "/car_1/cloud_registered")  # waits until the node is ready
+        markers.wait_for(1)  # of its greeting: it knows of us
         options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, patience=60.0)
         with Replayer(drive, options, ["--ros-args", *names], domain) as replayer:
             summary = replayer.run()
@@ -80,7 +81,7 @@ def replayed(domain, drive, tmp_path_factory):
             inbox.wait_for(summary.updates)
         process.signal(signal.SIGINT)
         code = process.wait(STOP_WITHIN)
-        markers.wait(lambda m: actions(m) == [Marker.DELETEALL])
+        markers.wait(lambda m: actions(m) == [Marker.DELETEALL], start=1)
         return SimpleNamespace(
             summary=summary,
             segments=segments.messages,
@@ -399,6 +400,7 @@ def test_who_comes_late_gets_every_marker(node, start, domain):
     wanted = {s.id for s in update(node, start + 1.0).segments if s.count >= 12}
     with peer(domain) as late:
         array = late.listen(MarkerArray, "/ellipsoids").wait(lambda m: m.markers)
+    assert array.markers[0].action == Marker.DELETEALL  # it may show those of a killed node
     assert {marker.id for marker in array.markers if marker.action == Marker.ADD} == wanted
 
 

@@ -52,6 +52,9 @@ def scene(ros_domain):
             "ellipsoids": MarkerArray,
         }
         topics = {name: me.speak(kind, f"/{name}") for name, kind in kinds.items()}
+        with pytest.raises(EllipsegError, match="the node publishes nothing"):
+            recorder.wait_for_topics(SHORT)  # it may not know of us yet
+        topics["ellipsoids"].send(MarkerArray())
         recorder.wait_for_topics(LIMIT)
         yield recorder, notes, topics
 

@@ -74,6 +74,7 @@ def live(request, drive, offline, session_ros_domain, tmp_path_factory):
         segments = me.listen(SegmentArray, "/segments", raw=True)
         clouds = me.listen(PointCloud2, "/segmented_points", raw=True)
         diagnostics = me.listen(DiagnosticArray, "/diagnostics")
+        me.wait_until_known()
         options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, clock=False, patience=60.0)
         with Replayer(drive, options, domain=session_ros_domain) as replayer:
             replayer.run()
