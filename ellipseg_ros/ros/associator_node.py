@@ -24,12 +24,13 @@ from ellipseg_ros.msg import LandmarkArray
 from ellipseg_ros.ros.associations import association_markers, association_message
 from ellipseg_ros.ros.associator_health import AssociatorHealth
 from ellipseg_ros.ros.diagnostics import diagnostic_message
-from ellipseg_ros.ros.limits import Share, throttled
+from ellipseg_ros.ros.limits import Pace, Share, throttled
 from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, everything_goes, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 
 FILES = (0.1, 2.0)  # share of its time that maps may take to write and read, and s at once
+CALLS = (0.2, 1.0)  # share of a core that all but landmarks may take, and s at once
 PATIENCE = 1.0  # s that the compiler gets when the node ends
 
 
@@ -43,6 +44,7 @@ class AssociatorNode:
         node = self.node = Node(
             "ellipseg_associator", automatically_declare_parameters_from_overrides=True
         )
+        self.pace = Pace(*CALLS)
         self._log = node.get_logger()
         self._parameters = Parameters(node, AssociationConfig(), MapConfig(), AssociatorConfig())
         self._config, map_config, associator = self._parameters.records()
@@ -87,6 +89,7 @@ class AssociatorNode:
 
     def _on_landmarks(self, msg: LandmarkArray) -> None:
         started = time.monotonic()
+        self.pace.exempt()
         try:
             live = read_landmarks(msg)
             check_name("frame_id", msg.header.frame_id)

@@ -31,6 +31,8 @@ class Flood:
     Raises EllipsegError if one of them is not there.
     """
 
+    pace = None
+
     def __init__(self, target: str, services: list[str], end: End) -> None:
         self.node = Node("ellipseg_flood")
         self._changed = Condition()

@@ -10,6 +10,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+LONGEST_PAUSE = 0.01  # s: clouds may wait meanwhile
 
 
 def throttled(seconds: float = 5.0) -> dict[str, Any]:
@@ -56,7 +57,11 @@ class Share:
         try:
             yield
         finally:
-            self._credit = self._now() - (time.monotonic() - started)
+            self.spend(time.monotonic() - started)
+
+    def spend(self, seconds: float) -> None:
+        """Count work that has been done."""
+        self._credit = self._now() - seconds
 
     def wait(self) -> float:
         """How long until work may begin, s; 0: at once."""
@@ -69,3 +74,29 @@ class Share:
         earned = (now - self._at) * self._share
         self._at = now
         return min(self._burst, self._credit + earned)
+
+
+class Pace:
+    """Pauses of the thread that answers calls, which then takes a share of a core at the most.
+
+    So a flood of calls leaves the cores, and Python's lock, to the work. Called in that thread.
+    share, burst: of its own time on a core, as in Share.
+    """
+
+    def __init__(self, share: float, burst: float) -> None:
+        self._share = Share(share, burst)
+        self._spent: float | None = None  # s on a core, until the last pause
+        self._exempt = False
+
+    def exempt(self) -> None:
+        """What is done until the next pause counts nothing: it is the work."""
+        self._exempt = True
+
+    def pause(self) -> None:
+        """Wait a moment if too much was done."""
+        before, self._spent = self._spent, time.thread_time()
+        if before is not None and not self._exempt:
+            self._share.spend(self._spent - before)
+        self._exempt = False
+        if wait := self._share.wait():
+            time.sleep(min(wait, LONGEST_PAUSE))

@@ -18,12 +18,14 @@ STAMPED = "segments"  # the last topic of an update
 class Listener:
     """Subscribes to everything; messages stay bytes, so that it costs little."""
 
+    pace = None
+
     def __init__(self, end: End) -> None:
         self.node = Node("ellipseg_listener")
         hear(
             self.node,
             self._on_message,
-            lambda topic, publishers: self._tell({"matched": topic, "publishers": publishers}),
+            lambda: self._tell({"known": True}),
             lambda values: self._tell({"diagnostics": values}),
         )
 

@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.farewell import Farewell
+from ellipseg_ros.ros.limits import Pace
 
 # Ends the process: in peace (None), or by an error that nobody expected.
 End = Callable[[BaseException | None], None]
@@ -28,6 +29,10 @@ class Runnable(Protocol):
     def node(self) -> Node:
         """Its node."""
 
+    @property
+    def pace(self) -> Pace | None:
+        """What holds its callbacks back, if something does."""
+
     def close(self) -> bool:
         """Say farewell and end the threads; False if one of them is still busy."""
 
@@ -39,7 +44,8 @@ class Spinner:
     while it waits inside DDS.
     """
 
-    def __init__(self, node: Node, end: End) -> None:
+    def __init__(self, node: Node, end: End, pace: Pace | None = None) -> None:
+        self._pace = pace
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._end = end
@@ -58,6 +64,8 @@ class Spinner:
         try:
             while not self._stopped:
                 self._executor.spin_once()
+                if self._pace is not None:
+                    self._pace.pause()
         except Exception as error:
             self._end(error)
 
@@ -82,7 +90,7 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
         code = _failed(error)
         rclpy.shutdown()
         return code
-    spinner = Spinner(running.node, ending.put)
+    spinner = Spinner(running.node, ending.put, running.pace)
     reason = ending.get()
     finished = running.close()
     spinner.stop()

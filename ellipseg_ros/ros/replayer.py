@@ -139,6 +139,8 @@ class Replayer:
 class ReplayerProcess(ReplayerNode):
     """The node that plays what its parameters name, and then ends."""
 
+    pace = None
+
     def __init__(self, end: End) -> None:
         super().__init__(ReplayOptions())
         if not self.place.source:

@@ -21,7 +21,7 @@ from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.health import Health
-from ellipseg_ros.ros.limits import Quota, throttled
+from ellipseg_ros.ros.limits import Pace, Quota, throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
@@ -32,6 +32,7 @@ from ellipseg_ros.stamps import Stamps
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
 BRIEF = 0.1  # s that the tuner gets: it ends at once, or is at a tuning that takes long
 RESETS = (30, 60.0)  # calls within s: of whoever calls all the time, a window or two are lost
+CALLS = (0.2, 1.0)  # share of a core that all but the clouds may take, and s at once
 FRAMES = 10  # that are warned of, once each: a stranger can think of any number
 
 
@@ -45,6 +46,7 @@ class SegmenterNode:
         node = self.node = Node(
             "ellipseg_segmenter", automatically_declare_parameters_from_overrides=True
         )
+        self.pace = Pace(*CALLS)
         self._log = node.get_logger()
         self._parameters = Parameters(node, Config(), NodeConfig())
         self._config, self._shown = self._parameters.records()
@@ -97,6 +99,7 @@ class SegmenterNode:
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrived = time.monotonic()
+        self.pace.exempt()
         self._health.cloud()
         try:
             sweep = read_sweep(msg)

@@ -8,7 +8,7 @@ from rclpy.clock_type import ClockType
 from rclpy.logging import get_logger
 
 from ellipseg_ros.ros import limits
-from ellipseg_ros.ros.limits import Quota, Share, throttled
+from ellipseg_ros.ros.limits import LONGEST_PAUSE, Pace, Quota, Share, throttled
 
 
 @pytest.fixture
@@ -59,6 +59,61 @@ def test_a_flood_gets_its_share_and_no_more(clock):
             work(share, clock, 0.5)
             done += 0.5
     assert done == pytest.approx(0.1 * 1000.0, rel=0.03)
+
+
+@pytest.fixture
+def core(clock, monkeypatch):
+    """How long the thread was at work; with `clock`, which goes on while it sleeps."""
+    spent = SimpleNamespace(s=5.0, pauses=[])
+
+    def sleep(seconds):
+        spent.pauses.append(seconds)
+        clock.s += seconds
+
+    def work(seconds):
+        spent.s += seconds
+        clock.s += seconds
+
+    monkeypatch.setattr(limits.time, "thread_time", lambda: spent.s)
+    monkeypatch.setattr(limits.time, "sleep", sleep)
+    spent.work = work
+    return spent
+
+
+def calls(pace, core, count, seconds=0.001):
+    for _ in range(count):
+        core.work(seconds)
+        pace.pause()
+
+
+def test_a_flood_of_calls_leaves_the_core_to_others(clock, core):
+    pace = Pace(0.2, burst=0.1)
+    pace.pause()
+    calls(pace, core, 100)  # the burst, and what is earned meanwhile
+    assert not core.pauses
+    began, before = clock.s, core.s
+    calls(pace, core, 2000)
+    assert core.s - before == pytest.approx(0.2 * (clock.s - began), rel=0.03)
+    assert max(core.pauses) < 0.006  # that clouds wait
+
+
+def test_no_pause_is_long_whatever_a_call_took(core):
+    pace = Pace(0.2, burst=0.1)
+    pace.pause()
+    calls(pace, core, 3, seconds=2.0)
+    assert core.pauses == [LONGEST_PAUSE] * 3
+
+
+def test_clouds_are_never_paced(core):
+    pace = Pace(0.2, burst=0.1)
+    pace.pause()
+    for _ in range(100):
+        core.work(0.05)
+        pace.exempt()
+        pace.pause()
+    assert not core.pauses
+    calls(pace, core, 1, seconds=0.5)  # the exemption was for the clouds only
+    assert core.pauses
 
 
 def test_a_throttled_line_comes_once_and_each_call_of_the_logger_is_one_of_its_own(capfd):
