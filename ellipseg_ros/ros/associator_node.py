@@ -24,7 +24,7 @@ from ellipseg_ros.msg import LandmarkArray
 from ellipseg_ros.ros.associations import association_markers, association_message
 from ellipseg_ros.ros.associator_health import AssociatorHealth
 from ellipseg_ros.ros.diagnostics import diagnostic_message
-from ellipseg_ros.ros.limits import Pace, Share, throttled
+from ellipseg_ros.ros.limits import Pauses, Share, throttled
 from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, everything_goes, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
@@ -44,7 +44,7 @@ class AssociatorNode:
         node = self.node = Node(
             "ellipseg_associator", automatically_declare_parameters_from_overrides=True
         )
-        self.pace = Pace(*CALLS)
+        self.pauses = Pauses(*CALLS)
         self._log = node.get_logger()
         self._parameters = Parameters(node, AssociationConfig(), MapConfig(), AssociatorConfig())
         self._config, map_config, associator = self._parameters.records()
@@ -89,7 +89,7 @@ class AssociatorNode:
 
     def _on_landmarks(self, msg: LandmarkArray) -> None:
         started = time.monotonic()
-        self.pace.exempt()
+        self.pauses.exempt()
         try:
             live = read_landmarks(msg)
             check_name("frame_id", msg.header.frame_id)

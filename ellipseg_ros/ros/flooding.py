@@ -31,7 +31,7 @@ class Flood:
     Raises EllipsegError if one of them is not there.
     """
 
-    pace = None
+    pauses = None
 
     def __init__(self, target: str, services: list[str], end: End) -> None:
         self.node = Node("ellipseg_flood")

@@ -76,7 +76,7 @@ class Share:
         return min(self._burst, self._credit + earned)
 
 
-class Pace:
+class Pauses:
     """Pauses of the thread that answers calls, which then takes a share of a core at the most.
 
     So a flood of calls leaves the cores, and Python's lock, to the work. Called in that thread.
@@ -89,10 +89,10 @@ class Pace:
         self._exempt = False
 
     def exempt(self) -> None:
-        """What is done until the next pause counts nothing: it is the work."""
+        """What is done until the next pause counts for nothing: it is the work."""
         self._exempt = True
 
-    def pause(self) -> None:
+    def take(self) -> None:
         """Wait a moment if too much was done."""
         before, self._spent = self._spent, time.thread_time()
         if before is not None and not self._exempt:

@@ -18,7 +18,7 @@ STAMPED = "segments"  # the last topic of an update
 class Listener:
     """Subscribes to everything; messages stay bytes, so that it costs little."""
 
-    pace = None
+    pauses = None
 
     def __init__(self, end: End) -> None:
         self.node = Node("ellipseg_listener")

@@ -1,5 +1,7 @@
 """The segmenter's publishers inside a program that measures them: for `ellipseg bench`."""
 
+from threading import Event
+
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.data import Segmentation
 from ellipseg_ros.errors import EllipsegError
@@ -14,11 +16,18 @@ class Probe(Guest):
     """
 
     def __init__(self, args: list[str]) -> None:
+        self._made = Event()
         super().__init__("ellipseg_probe", args)
-        self._outputs = Outputs(self.node, lambda: None, lambda: None)
+        self._outputs = Outputs(self.node, self._greet, lambda: None)
+        self._made.set()
 
     def publish(self, found: Segmentation) -> None:
         """Build, serialize and publish one update on all topics."""
         if self.failed:
             raise EllipsegError(f"publishing failed: {self.failed[0]}")
         self._outputs.publish(found, NodeConfig())
+
+    def _greet(self) -> None:
+        """As the segmenter greets: who subscribes waits for that before anything is published."""
+        self._made.wait()
+        self._outputs.greet()

@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.farewell import Farewell
-from ellipseg_ros.ros.limits import Pace
+from ellipseg_ros.ros.limits import Pauses
 
 # Ends the process: in peace (None), or by an error that nobody expected.
 End = Callable[[BaseException | None], None]
@@ -30,7 +30,7 @@ class Runnable(Protocol):
         """Its node."""
 
     @property
-    def pace(self) -> Pace | None:
+    def pauses(self) -> Pauses | None:
         """What holds its callbacks back, if something does."""
 
     def close(self) -> bool:
@@ -44,8 +44,8 @@ class Spinner:
     while it waits inside DDS.
     """
 
-    def __init__(self, node: Node, end: End, pace: Pace | None = None) -> None:
-        self._pace = pace
+    def __init__(self, node: Node, end: End, pauses: Pauses | None = None) -> None:
+        self._pauses = pauses
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._end = end
@@ -64,8 +64,8 @@ class Spinner:
         try:
             while not self._stopped:
                 self._executor.spin_once()
-                if self._pace is not None:
-                    self._pace.pause()
+                if self._pauses is not None:
+                    self._pauses.take()
         except Exception as error:
             self._end(error)
 
@@ -90,7 +90,7 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
         code = _failed(error)
         rclpy.shutdown()
         return code
-    spinner = Spinner(running.node, ending.put, running.pace)
+    spinner = Spinner(running.node, ending.put, running.pauses)
     reason = ending.get()
     finished = running.close()
     spinner.stop()

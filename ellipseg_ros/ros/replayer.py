@@ -139,7 +139,7 @@ class Replayer:
 class ReplayerProcess(ReplayerNode):
     """The node that plays what its parameters name, and then ends."""
 
-    pace = None
+    pauses = None
 
     def __init__(self, end: End) -> None:
         super().__init__(ReplayOptions())

@@ -21,7 +21,7 @@ from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.health import Health
-from ellipseg_ros.ros.limits import Pace, Quota, throttled
+from ellipseg_ros.ros.limits import Pauses, Quota, throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
@@ -46,7 +46,7 @@ class SegmenterNode:
         node = self.node = Node(
             "ellipseg_segmenter", automatically_declare_parameters_from_overrides=True
         )
-        self.pace = Pace(*CALLS)
+        self.pauses = Pauses(*CALLS)
         self._log = node.get_logger()
         self._parameters = Parameters(node, Config(), NodeConfig())
         self._config, self._shown = self._parameters.records()
@@ -99,7 +99,7 @@ class SegmenterNode:
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrived = time.monotonic()
-        self.pace.exempt()
+        self.pauses.exempt()
         self._health.cloud()
         try:
             sweep = read_sweep(msg)

@@ -8,7 +8,7 @@ from rclpy.clock_type import ClockType
 from rclpy.logging import get_logger
 
 from ellipseg_ros.ros import limits
-from ellipseg_ros.ros.limits import LONGEST_PAUSE, Pace, Quota, Share, throttled
+from ellipseg_ros.ros.limits import LONGEST_PAUSE, Pauses, Quota, Share, throttled
 
 
 @pytest.fixture
@@ -80,39 +80,39 @@ def core(clock, monkeypatch):
     return spent
 
 
-def calls(pace, core, count, seconds=0.001):
+def calls(pauses, core, count, seconds=0.001):
     for _ in range(count):
         core.work(seconds)
-        pace.pause()
+        pauses.take()
 
 
 def test_a_flood_of_calls_leaves_the_core_to_others(clock, core):
-    pace = Pace(0.2, burst=0.1)
-    pace.pause()
-    calls(pace, core, 100)  # the burst, and what is earned meanwhile
+    pauses = Pauses(0.2, burst=0.1)
+    pauses.take()
+    calls(pauses, core, 100)  # the burst, and what is earned meanwhile
     assert not core.pauses
     began, before = clock.s, core.s
-    calls(pace, core, 2000)
+    calls(pauses, core, 2000)
     assert core.s - before == pytest.approx(0.2 * (clock.s - began), rel=0.03)
     assert max(core.pauses) < 0.006  # that clouds wait
 
 
 def test_no_pause_is_long_whatever_a_call_took(core):
-    pace = Pace(0.2, burst=0.1)
-    pace.pause()
-    calls(pace, core, 3, seconds=2.0)
+    pauses = Pauses(0.2, burst=0.1)
+    pauses.take()
+    calls(pauses, core, 3, seconds=2.0)
     assert core.pauses == [LONGEST_PAUSE] * 3
 
 
 def test_clouds_are_never_paced(core):
-    pace = Pace(0.2, burst=0.1)
-    pace.pause()
+    pauses = Pauses(0.2, burst=0.1)
+    pauses.take()
     for _ in range(100):
         core.work(0.05)
-        pace.exempt()
-        pace.pause()
+        pauses.exempt()
+        pauses.take()
     assert not core.pauses
-    calls(pace, core, 1, seconds=0.5)  # the exemption was for the clouds only
+    calls(pauses, core, 1, seconds=0.5)  # the exemption was for the clouds only
     assert core.pauses
 
 

@@ -421,7 +421,8 @@ def test_termination_takes_the_markers_away_and_is_in_peace(node, start):
 def inside(domain):
     """A node in this process, whose callbacks only run while a Spinner runs them."""
     ended = []
-    arguments = ["--ros-args", "-r", "__ns:=/inside", "-p", "input_depth:=5"]
+    names = ["-r", "__ns:=/inside", "-p", "input_depth:=5"]
+    arguments = ["--ros-args", *names, "--log-level", "warn"]
     rclpy.init(args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     running = SegmenterNode(ended.append)
     yield running
