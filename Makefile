@@ -31,7 +31,7 @@ help:
 	make demo             runs the main job on a simulated scene, results in demo/
 	make demo DATA=path   the same on a bag or a cloud of yours
 	make test             runs lint and all tests
-	make soak             tries the node for an hour, long and hard
+	make soak             tries the node long and hard, for an hour and a quarter
 	make lint             checks style and types
 	make format           formats the code
 	make clean            removes what the others have made
@@ -95,7 +95,7 @@ test: setup lint
 	NUMBA_CACHE_DIR="$$cache" $(BIN)/python -m pytest -n 2 --dist loadscope
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadscope -m nojit
 
-# About an hour; writes docs/reliability.md.
+# An hour and a quarter; writes docs/reliability.md.
 soak: setup
 	@$(BIN)/ellipseg soak -o docs $(SUBJECTS)
 

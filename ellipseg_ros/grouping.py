@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.window import MOST_BYTES
 from ellipseg_ros.data import (
     SECOND,
     WIDEST,
@@ -25,13 +26,14 @@ class Grouping:
 
     t0 is the first stamp after a restart. The message that reaches the boundary closes the group
     and belongs to it; boundaries that a gap jumped over give no update. A message with which a
-    group has more than `max_points`, or 10,000 messages, closes it, too: stamps may stand still.
+    group has more than `max_points`, 1 GiB of fields or 10,000 messages closes it, too: stamps
+    may stand still.
     """
 
     def __init__(self, config: Config) -> None:
         self.configure(config)
         self._open: list[Sweep] = []
-        self._points = 0  # of the open group
+        self._points = self._bytes = 0  # of the open group
         self._first = 0  # ns: t0
         self._before: Before | None = None  # what came so far
         self._boundary = 0  # ns: the stamp that closes the open group
@@ -59,7 +61,12 @@ class Grouping:
         self._open.append(replace(sweep, restart=restart))
         self._before = and_then(before, sweep)
         self._points += len(sweep)
-        full = self._points > self._most or len(self._open) >= MOST_MESSAGES
+        self._bytes += 0 if sweep.fields is None else sweep.fields.nbytes
+        full = (
+            self._points > self._most
+            or self._bytes > MOST_BYTES
+            or len(self._open) >= MOST_MESSAGES
+        )
         if sweep.stamp_ns >= self._boundary or full:
             done += self.flush()
         return done
@@ -69,7 +76,7 @@ class Grouping:
         if not self._open:
             return []
         parts, self._open = self._open, []  # before joining, which may raise InputError
-        self._points = 0
+        self._points = self._bytes = 0
         newest = self._before.newest_ns if self._before else 0
         passed = (newest - self._first) // self._period
         self._boundary = self._first + (passed + 1) * self._period

@@ -98,10 +98,8 @@ def _segments_of(of_point: Array, labels: Array, landmarks: int) -> Ragged:
     """The segments that the points of every landmark are in."""
     rows = np.flatnonzero(of_point >= 0)
     segments = int(labels.max(initial=-1)) + 1
-    shared = np.bincount(
-        of_point[rows].astype(np.int64) * segments + labels[rows], minlength=landmarks * segments
-    )
-    landmark, segment = np.nonzero(shared.reshape(landmarks, segments))
+    pairs = np.unique(of_point[rows].astype(np.int64) * segments + labels[rows])
+    landmark, segment = np.divmod(pairs, max(1, segments))
     counts = np.bincount(landmark, minlength=landmarks)
     return Ragged(np.append(0, np.cumsum(counts)), segment)
 

@@ -87,3 +87,12 @@ def test_a_group_that_cannot_be_joined_is_dropped_whole():
     assert len(closed) == 1 and grouping.flush()[0].restart
     with pytest.raises(InputError, match="different counts"):
         join_sweeps([a, b])
+
+
+def test_a_group_holds_so_many_bytes_of_fields_however_long_it_is_open(monkeypatch):
+    monkeypatch.setattr("ellipseg_ros.grouping.MOST_BYTES", 1000)
+    fields = np.zeros(1, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("rest", "V388")])
+    wide = [Sweep(SECOND, np.zeros((1, 3)), fields=fields) for _ in range(7)]
+    assert [len(group) for group in updates(wide, CONFIG)] == [3, 3, 1]
+    narrow = [Sweep(SECOND, np.zeros((1, 3))) for _ in range(7)]
+    assert [len(group) for group in updates(narrow, CONFIG)] == [7]

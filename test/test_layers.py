@@ -32,7 +32,7 @@ ONLY_IN = {
     "rosbags": ["io/bag.py", "io/bag_writer.py", "io/samples.py"],
     "small_gicp": ["core/neighbours.py", "cli/"],
     "tqdm": ["cli/"],
-    "yaml": ["cli/"],
+    "yaml": ["cli/", "reliability/fault_files.py"],
     "laspy": ["io/cloud.py", "io/samples.py"],
     "pypcd4": ["io/cloud.py", "io/samples.py"],
     "trimesh": ["io/cloud.py"],

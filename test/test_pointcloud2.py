@@ -51,6 +51,14 @@ def serialized(message):
     return node_types().deserialize_cdr(message, CLOUD)
 
 
+def test_what_a_message_carries_beside_its_points_is_not_kept():
+    plain = xyz_cloud(points=100)
+    assert not read_sweep(plain).fields.flags.owndata  # a copy would cost time, and save nothing
+    heavy = read_sweep(cloud([X, Y, Z], plain.data + bytes(10**6), 100))
+    assert heavy.fields.base is None and heavy.fields.nbytes == 1200
+    assert heavy.fields.tobytes() == read_sweep(plain).fields.tobytes()
+
+
 # --- reading, against a reader that takes one number at a time -----------------------------------
 
 

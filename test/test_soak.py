@@ -12,16 +12,26 @@ import pytest
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import SECOND
+from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import labelled_fields
 from ellipseg_ros.measuring.memory import state_bytes
 from ellipseg_ros.reliability import subjects
-from ellipseg_ros.reliability.fault_kills import Scene, _judge
+from ellipseg_ros.reliability.fault_kills import Restarts, Scene, unbroken
 from ellipseg_ros.reliability.fault_signals import Ending, Program, _problem, signals
 from ellipseg_ros.reliability.hour import equal_segments
 from ellipseg_ros.reliability.last_word import COUNTS, last_word
-from ellipseg_ros.reliability.overload import Case, _bound, _counted, _newest, _peaks, recovery
+from ellipseg_ros.reliability.overload import (
+    QUICK,
+    Case,
+    _bound,
+    _counted,
+    _newest,
+    _peaks,
+    _recovery,
+    recovery,
+)
 from ellipseg_ros.reliability.promises import Promise, Trial
 from ellipseg_ros.reliability.tape import Tape
 from ellipseg_ros.ros.witness import Heard
@@ -103,15 +113,25 @@ def test_recovery_is_until_the_last_late_update_but_a_lone_one(late, seconds):
     latency = np.where((stamp < 20 + late) | (stamp == 35.0), 5.0, 0.5)
     case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, 40, {}, 500.0)
     assert recovery(case, 10.0) == seconds
+    assert _recovery([case], replace(QUICK, window_s=10.0)).kept
+
+
+@pytest.mark.parametrize("end", [5.0, 15.0])  # s of latency
+def test_who_never_recovers_has_no_calm_to_be_measured_by(end):
+    stamp = np.arange(40.0)
+    latency = np.interp(stamp, [20.0, 39.0], [5.0, end])
+    case = Case(4, 1e5, stamp, latency, 0 * stamp, 20.0, 400, 40, {}, 500.0)
+    assert recovery(case, 10.0) == 0.0
+    assert not _recovery([case], replace(QUICK, window_s=10.0)).kept
 
 
 def overloaded(factor=4, peak_mb=500.0, early=9, groups=40, **counts):
-    """A run of which the node said so."""
-    none = np.zeros(0)
+    """A run of which the node said so, with an update a second, half of them calm."""
+    stamp = np.arange(40.0)
     told = {"clouds received": 400, "clouds lost by DDS": 0, "updates": 30, "updates joined": 10}
     told |= {"updates given up": 0, "points expired early": early}
     said = {name: f"{count}" for name, count in (told | counts).items()}
-    return Case(factor, 1e5, none, none, none, 20.0, 400, groups, said, peak_mb)
+    return Case(factor, 1e5, stamp, 0 * stamp, 0 * stamp, 20.0, 400, groups, said, peak_mb)
 
 
 @pytest.mark.parametrize(
@@ -124,20 +144,32 @@ def overloaded(factor=4, peak_mb=500.0, early=9, groups=40, **counts):
     ],
 )
 def test_that_memory_is_bounded_is_shown_by_two_that_reach_the_bound(second, holds, in_limits):
-    row = _bound([overloaded(), overloaded(8, **second)], 1000)
+    row = _bound([overloaded(), overloaded(8, **second)], QUICK, 1000)
     assert (row.holds, row.in_limits) == (holds, in_limits)
 
 
 @pytest.mark.parametrize(
-    ("early", "holds"), [((0, 0, 9), True), ((0, 0, 0), False), ((0, 9, 8), False)]
+    ("early", "holds"),
+    [
+        ((0, 1_700_000), True),
+        ((0, 1_600_001), True),
+        ((0, 1_599_999), False),  # 2,000,000 were sent, of which the window has 400,000
+        ((0, 0), False),
+        ((9, 1_700_000), False),
+    ],
 )
-def test_more_points_expire_early_at_a_higher_load(early, holds):
-    assert _peaks([overloaded(early=count) for count in early], "", 1000).kept == holds
+def test_all_points_must_be_counted_that_a_window_has_no_room_for(early, holds):
+    little, much = (overloaded(early=count) for count in early)
+    cases = [replace(little, rate=1e5), replace(much, rate=1e5)]
+    load = replace(QUICK, window_s=10.0)
+    assert not _peaks(cases[:1], "", load, 2_000_000).kept  # none that is too much
+    cases[0] = replace(cases[0], rate=3e4)
+    assert _peaks(cases, "", load, 400_000).kept == holds
 
 
 @pytest.mark.parametrize(("late", "kept"), [(1, True), (3, False)])
 def test_a_message_that_is_sent_again_is_no_old_update(late, kept):
-    stale = np.where(np.arange(40) < late, 4.0, 1.5)
+    stale = np.where(np.arange(40) < late, 4.0, 1.5)  # 3 are many in 20, but few in 40
     assert _newest([replace(overloaded(), stale=stale)]).kept == kept
 
 
@@ -225,11 +257,23 @@ def test_what_a_dead_node_said_is_not_taken_for_the_words_of_a_new_one():
     witness.wait = lambda done, *_: done() or pytest.fail("not done")
     here = Scene([], witness, Path(), sent={1: 9.9, 2: 10.9})
     assert here.wait_for_new(10.0) == 1.0
-    assert here.from_new(10.0) == [first] and not _judge(here, 10.0)
+    assert here.from_new(10.0) == [first]
+    found = Restarts()
+    found.judge(here, 10.0)
+    assert not found.unclear and not found.left
     witness.drawn[1] = (2, True)
-    assert _judge(here, 10.0) == ["a dead marker stayed beside the new ones"]
     first = replace(first, full=False)
-    assert "the first message was" in _judge(here, 10.0)[0]
+    found.judge(here, 10.0)
+    assert len(found.unclear) == len(found.left) == 1
+
+
+def test_numbers_that_begin_anew_are_broken_and_a_message_again_is_none():
+    def numbers(*told):
+        heard = [Heard(1.0, 1, number, "odom", full=True, in_step=True) for number in told]
+        return Scene([], SimpleNamespace(heard=heard), Path()).numbers()
+
+    assert unbroken(numbers(3, 4, 4, 5))
+    assert not unbroken(numbers(0, 1, 2, 0, 1, 2, 3)) and not unbroken(numbers(0, 2))
 
 
 # --- the command -----------------------------------------------------------------------------
@@ -267,6 +311,18 @@ def test_results_of_other_subjects_are_kept(two_subjects, tmp_path, capsys):
     assert found["one"]["promises"][0]["figure"] == "7" and found["other"]["seed"] == 0
     page = (tmp_path / "reliability.md").read_text()
     assert page.index("## The one") < page.index("## The other")
+
+
+def test_a_trial_that_breaks_off_is_a_broken_promise(two_subjects, monkeypatch, tmp_path, capsys):
+    def broken(trial):
+        raise EllipsegError("the node ended too early, with -11")
+
+    assert main(["soak", "-o", str(tmp_path), "-q"]) == 0
+    monkeypatch.setitem(subjects.SUBJECTS, "one", ("The one", broken))
+    assert main(["soak", "-o", str(tmp_path), "-q"]) == 1
+    page = (tmp_path / "reliability.md").read_text()
+    assert "it lasts" not in page and "it holds" in page
+    assert "the node ended too early, with -11" in page and "| **no** |" in page
 
 
 def test_what_is_wrong_is_one_line(two_subjects, tmp_path, capsys):

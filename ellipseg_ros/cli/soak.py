@@ -28,7 +28,7 @@ def run(args: Namespace) -> int:
         for name in names:
             begin(name)
             results[name] = soak(name, trial)
-            if args.output:  # at once: the next one may take half an hour
+            if args.output:  # at once: the next one may take a quarter of an hour
                 _write(earlier | results, Path(args.output))
     show_page(results, blocks, args)
     kept = [row["kept"] for found in results.values() for row in found["promises"]]

@@ -20,6 +20,7 @@ Layout: TypeAlias = np.dtype[Any]
 # PointField's numbers for types.
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 NUMBERS = {kind: number for number, kind in TYPES.items()}
+SPARE = 1.25  # times the bytes of its points that a message may have, and be kept as it is
 PADDING = ("", "_")  # names that PCL gives to gaps
 OURS = ("label", "rgb", "object")  # fields that the node adds; an input's own become input_...
 LARGEST = 2**32 - 1  # bytes of data in a message
@@ -63,7 +64,9 @@ def read_fields(msg: Any) -> Array:
     _check_size(msg, row_step)
     data = memoryview(msg.data).cast("B")
     rows = np.ndarray((msg.height, width), layout, data, strides=(row_step, msg.point_step))
-    return as_native(rows.reshape(count))
+    fields = as_native(rows.reshape(count))
+    # What is kept of a message are its points, and not what else it may carry.
+    return fields.copy() if len(data) > SPARE * count * msg.point_step else fields
 
 
 def xyz(fields: Array) -> Array:

@@ -36,6 +36,7 @@ class Tally:
     rejected: Counter[str] = field(default_factory=Counter)  # by reason
     points: int = 0  # of the clouds that were accepted
     updates: int = 0
+    decoded: int = 0  # updates of which the messages were read back
     restarts: int = 0
     late: int = 0  # points
     crowded_out: int = 0  # points
@@ -80,7 +81,8 @@ class Consumer:
             self._complain(name, traceback.format_exc())
             self._begin()
             return
-        self._tally.slowest = max(self._tally.slowest, time.perf_counter() - started)
+        finally:
+            self._tally.slowest = max(self._tally.slowest, time.perf_counter() - started)
         self._tally.points += len(sweep)
         for group, found in updates:
             self._look_at(name, group, found)
@@ -97,6 +99,7 @@ class Consumer:
         for fault in faults(before, group, found, self._config):
             self._complain(name, fault)
         if found.sequence % READ_BACK == 0:
+            tally.decoded += 1
             for fault in unreadable(found, self._markers):
                 self._complain(name, fault)
 

@@ -24,7 +24,7 @@ SLOWER = 2.0  # times the usual latency that it may be then
 
 def second_nodes(trial: Trial) -> Promise:
     """Two nodes in one namespace, one after the other."""
-    trial.say("faults: a second node in the namespace")
+    trial.say("company: a second node in the namespace")
     with scene(trial.seed) as here, here.node() as process:
         here.wait_for_step(time.monotonic())
         alone = [text for _, text in here.witness.said if TOLD in text]
@@ -49,7 +49,7 @@ def second_nodes(trial: Trial) -> Promise:
 
 def namespaces(trial: Trial) -> Promise:
     """Two nodes in two namespaces of one domain: each hears its own clouds alone."""
-    trial.say("faults: two namespaces")
+    trial.say("company: two namespaces")
     updates = 6 if trial.quick else 60
     with scene(trial.seed) as one:
         args = [word.replace("__ns:=/", "__ns:=/other_") for word in one.ros_args]
@@ -58,11 +58,10 @@ def namespaces(trial: Trial) -> Promise:
             Witness(args) as witness,
             Replayer(tape, ReplayOptions(clock=False), args) as replayer,
             one.node() as first,
-            Scene(args, witness, one.folder).node() as second,
+            (other := Scene(args, witness, one.folder)).node() as second,
         ):
             player = Thread(target=replayer.run, daemon=True)
             player.start()
-            other = Scene(args, witness, one.folder)
             begun = time.monotonic()
             for each in (one, other):
                 each.wait_for_step(begun, updates)
@@ -89,10 +88,10 @@ def hanging_subscribers(trial: Trial) -> Promise:
         with Listening(here.ros_args) as listening:
             listening.wait_for_topics(START)
             here.wait_for_step(time.monotonic(), DEEP)  # the window is full
-            trial.say(f"faults: {updates} updates while a subscriber reads")
+            trial.say(f"company: {updates} updates while a subscriber reads")
             usual = _latencies(here, updates)
             listening.stop_reading()
-            trial.say(f"faults: {updates} updates while it doesn't")
+            trial.say(f"company: {updates} updates while it doesn't")
             hanging = _latencies(here, updates)
             listening.read_on()
         process.stop()
@@ -102,8 +101,8 @@ def hanging_subscribers(trial: Trial) -> Promise:
     )
     return Promise(
         "a subscriber that stops reading does not slow the node",
-        f"SIGSTOP of one of two reliable subscribers to all topics for {updates} updates, more "
-        f"than DDS keeps; {PERIOD:g} s between two, window 10 s",
+        f"SIGSTOP of a reliable subscriber to all topics, beside another, for {updates} updates, "
+        f"more than DDS keeps; {PERIOD:g} s between two, window 10 s",
         f"from a cloud sent to its segments received: {median:.0f} ms before (90 % within "
         f"{high:.0f} ms), {meanwhile:.0f} ms meanwhile ({most:.0f} ms); "
         f"{'no' if unbroken(numbers) else 'an'} update missing of {len(numbers)}",

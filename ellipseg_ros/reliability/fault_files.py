@@ -1,5 +1,6 @@
 """Files of a program that is killed, or whose disk is full: whole, or not there."""
 
+import csv
 import json
 import random
 import shutil
@@ -9,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import yaml
 from PIL import Image
 
 from ellipseg_ros.cli.results import prepare
@@ -45,14 +47,15 @@ def killed_writers(trial: Trial) -> Promise:
     kills = 1 if trial.quick else 15
     updates = []
     for number in range(kills):
-        trial.say(f"faults: killing `ellipseg segment`, {number + 1} of {kills}")
+        trial.say(f"kills: `ellipseg segment`, {number + 1} of {kills}")
         with _folder() as folder:
             count, problem = _kill_segment(folder, rng.uniform(0.0, 2.0))
             updates.append(count)
             problems += [problem] if problem else []
     return Promise(
         "a bag is readable up to the last update when `ellipseg segment` is killed",
-        f"kill -9 at {kills} random moments; the bag read with rosbags, and the command run again",
+        f"kill -9 at {kills} random moments; the bag read with rosbags, and its folder taken by "
+        "the next run",
         f"{kills - len(problems)} of {kills} readable, {min(updates)} to {max(updates)} updates "
         f"in them{_first(problems)}",
         not problems,
@@ -100,10 +103,10 @@ def full_disks(trial: Trial) -> Promise:
     for name in ("segment", "simulate") if trial.quick else WRITERS:
         sizes = [round(10 ** rng.uniform(2.5, 6.0)) for _ in range(12)]
         for size in sizes[:1] if trial.quick else [300, *sizes]:
-            trial.say(f"faults: `ellipseg {name}`, the disk full after {size:,} bytes")
+            trial.say(f"disks: `ellipseg {name}`, full after {size:,} bytes")
             tried += 1
             code, problem = _starve(name, size)
-            refused += code != 0
+            refused += code == 2
             problems += [problem] if problem else []
     return Promise(
         "a full disk is told in one line, exit code 2, and no file is left by half",
@@ -117,7 +120,7 @@ def full_disks(trial: Trial) -> Promise:
 def _starve(name: str, size: int) -> tuple[int, str]:
     with _folder() as folder:
         ended = run(command(*WRITERS[name], before=FULL.format(size)), folder)
-        lines = [line for line in ended.text.splitlines() if line.startswith("ellipseg:")]
+        lines = _complaints(ended.text)
         where = f"{name}, {size} bytes"
         if ended.code not in (0, 2) or "Traceback" in ended.text:
             return ended.code, f"{where}: exit code {ended.code}: {ended.text[-300:]}"
@@ -129,15 +132,21 @@ def _starve(name: str, size: int) -> tuple[int, str]:
 
 def _damaged(folder: Path) -> str:
     """The first file that can't be read; empty if all can."""
-    for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.suffix in READERS:
-            try:
-                READERS[path.suffix](path)
-            except Exception as error:  # of whatever library
-                return f"{path.name} is left by half: {error}"
-        elif path.name.endswith(".part"):
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        if path.suffix not in READERS:
             return f"{path.name} is left"
+        try:
+            READERS[path.suffix](path)
+        except Exception as error:  # of whatever library
+            return f"{path.name} is left by half: {error}"
     return ""
+
+
+def _read_table(path: Path) -> None:
+    text = path.read_text("utf-8")
+    widths = {len(row) for row in csv.reader(text.splitlines())}
+    if len(widths) != 1 or not text.endswith("\n"):
+        raise ValueError(f"rows of {sorted(widths)} columns")
 
 
 def _read_bag(path: Path) -> None:
@@ -155,6 +164,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     ".npz": read_fields,
     ".ply": read_fields,
     ".png": _read_picture,
+    ".csv": _read_table,
+    ".yaml": lambda path: yaml.safe_load(path.read_text("utf-8")),
     ".json": lambda path: json.loads(path.read_text("utf-8")),
 }
 

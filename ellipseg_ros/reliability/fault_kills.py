@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from itertools import groupby, pairwise
 from pathlib import Path
 from threading import Thread
 
@@ -83,7 +84,7 @@ class Scene:
 
     def numbers(self) -> list[int]:
         """Those of the updates heard; who is new is told the last one again, which counts once."""
-        return list(dict.fromkeys(one.sequence for one in self.witness.heard))
+        return [number for number, _ in groupby(one.sequence for one in self.witness.heard)]
 
 
 def unbroken(numbers: list[int]) -> bool:
@@ -116,7 +117,16 @@ class Restarts:
     """What came of nodes that followed on killed ones."""
 
     seconds: list[float] = field(default_factory=list)  # from the start to the first update
-    problems: list[str] = field(default_factory=list)
+    unclear: list[str] = field(default_factory=list)  # first words of a node
+    left: list[str] = field(default_factory=list)  # markers of a dead one
+
+    def judge(self, here: Scene, begun: float) -> None:
+        """Look at the first words of a new node."""
+        first = here.from_new(begun)[0]
+        if not (first.full and first.in_step):
+            self.unclear.append(f"; the first message was {first}")
+        if here.drawn_by_new(begun)[0]:
+            self.left.append("; a dead marker stayed beside the new ones")
 
 
 def killed_nodes(trial: Trial) -> list[Promise]:
@@ -126,46 +136,39 @@ def killed_nodes(trial: Trial) -> list[Promise]:
     found = Restarts()
     with scene(trial.seed) as here:
         for number in range(kills + 1):
-            trial.say(f"faults: killing the node, {number} of {kills}")
+            trial.say(f"kills: the node, {number} of {kills}")
             begun = time.monotonic()
             with here.node() as process:
                 # Every other one is killed while it starts, the first and the last never.
                 if number % 2 == 0 or number == kills:
                     found.seconds.append(here.wait_for_new(begun))
-                    found.problems += _judge(here, begun) if number else []
+                    if number:
+                        found.judge(here, begun)
                     time.sleep(rng.uniform(0.0, 3.0 * PERIOD))
                 else:
                     time.sleep(rng.uniform(0.0, found.seconds[0]))
                 process.kill()
         lifetimes = here.witness.lifetimes
     seconds = sorted(found.seconds)
+    judged = len(seconds) - 1  # the first has no dead one before it
     tried = f"kill -9 at {kills + 1} random moments, half of them during the start; restarted"
     return [
         Promise(
             "after a kill -9 of the node a new one is understood at once by who listens",
             tried,
-            f"first message full and mirror in step in {len(seconds) - len(found.problems)} of "
-            f"{len(seconds)} runs; {seconds[len(seconds) // 2]:.1f} s from the start to the first "
-            f"update (median; at most {seconds[-1]:.1f} s)"
-            + (f"; {found.problems[0]}" if found.problems else ""),
-            not found.problems,
+            f"first message full and mirror in step in {judged - len(found.unclear)} of {judged} "
+            f"runs; {seconds[len(seconds) // 2]:.1f} s from the start to the first update "
+            f"(median; at most {seconds[-1]:.1f} s){''.join(found.unclear[:1])}",
+            judged > 0 and not found.unclear,
         ),
         Promise(
             "markers of a dead node vanish",
             f"the same; all markers have a lifetime of {LIFETIME} s, a new node clears first",
-            f"lifetimes {sorted(lifetimes)} s; no marker of a dead node beside those of a new one",
-            lifetimes == {LIFETIME} and not any("marker" in text for text in found.problems),
+            f"lifetimes {sorted(lifetimes)} s; no marker of a dead node beside those of a new one "
+            f"in {judged - len(found.left)} of {judged} runs{''.join(found.left[:1])}",
+            lifetimes == {LIFETIME} and judged > 0 and not found.left,
         ),
     ]
-
-
-def _judge(here: Scene, begun: float) -> list[str]:
-    """What is wrong with the first words of a new node."""
-    first = here.from_new(begun)[0]
-    if not (first.full and first.in_step):
-        return [f"the first message was {first}"]
-    stale = here.drawn_by_new(begun)[0]
-    return ["a dead marker stayed beside the new ones"] if stale else []
 
 
 # --- the others ------------------------------------------------------------------------------
@@ -179,7 +182,7 @@ def killed_replayers(trial: Trial) -> Promise:
     with scene(trial.seed, plays=False) as here, here.node() as process:
         source = ["-p", "source:=sim:industrial", "-p", "clock:=false"]
         for number in range(kills + 1):
-            trial.say(f"faults: killing the replayer, {number} of {kills}")
+            trial.say(f"kills: the replayer, {number} of {kills}")
             begun = time.monotonic()
             with started(node("replayer", *here.ros_args, *source), here.folder):
                 seconds.append(here.wait_for_step(begun, 4))
@@ -187,13 +190,15 @@ def killed_replayers(trial: Trial) -> Promise:
             again += [number for one in here.witness.since(begun)[1:] if not one.in_step]
         process.stop()
     numbers = here.numbers()
-    kept = not again and unbroken(numbers)
+    back = sum(b.stamp_ns < a.stamp_ns for a, b in pairwise(here.witness.heard))
+    whole = unbroken(numbers)
     return Promise(
         "the node outlives a killed source of clouds, and begins anew with the next",
         f"kill -9 of the replayer at {kills + 1} random moments; restarted, same recording",
-        f"{len(numbers)} updates without a break in their numbers, mirror in step; "
+        f"{len(numbers)} updates with{'out' if whole else ''} a break in their numbers, "
+        f"{back} new beginnings, mirror out of step after {len(again)} messages; "
         f"{max(seconds):.1f} s at most from the restart to the fourth update",
-        kept,
+        whole and back == kills and not again,
     )
 
 
@@ -204,7 +209,7 @@ def killed_subscribers(trial: Trial) -> Promise:
     with scene(trial.seed) as here, here.node() as process:
         here.wait_for_step(time.monotonic(), 3)
         for number in range(kills):
-            trial.say(f"faults: killing a subscriber, {number + 1} of {kills}")
+            trial.say(f"kills: a subscriber, {number + 1} of {kills}")
             with Listening(here.ros_args) as listening:
                 listening.wait_for_topics(START)
                 begun = time.monotonic()

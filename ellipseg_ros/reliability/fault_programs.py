@@ -20,6 +20,11 @@ class Ended:
     text: str  # all that it wrote to stderr
 
 
+def python(code: str) -> list[str]:
+    """The words that run a program of ours."""
+    return [sys.executable, "-c", code]
+
+
 def command(*words: str, before: str = "") -> list[str]:
     """The words that start `ellipseg`; before: a line of Python that runs first."""
     return _python(COMMAND, before, words)
@@ -32,7 +37,7 @@ def node(name: str, *words: str) -> list[str]:
 
 def _python(imported: str, before: str, words: tuple[str, ...]) -> list[str]:
     lines = ["import sys", before, imported, "sys.exit(run())"]
-    return [sys.executable, "-c", "\n".join(filter(None, lines)), *words]
+    return [*python("\n".join(filter(None, lines))), *words]
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ellipseg_ros.cli.running import domain
-from ellipseg_ros.reliability.fault_programs import command, node, said, started
+from ellipseg_ros.reliability.fault_programs import command, node, python, said, started
 from ellipseg_ros.reliability.promises import Promise, Trial
 
 LIMIT = 2.0  # s from the signal to the end
@@ -37,6 +37,7 @@ class Ending:
     what: str
     seconds: float  # after the signal
     problem: str  # empty if all was well, but perhaps late
+    before: bool = False  # it had ended before the signal
 
 
 def signals(trial: Trial) -> list[Promise]:
@@ -48,22 +49,24 @@ def signals(trial: Trial) -> list[Promise]:
         times = 2 if trial.quick else 12
         endings = []
         for name in names:
-            trial.say(f"faults: signals to {name}")
+            trial.say(f"signals: to {name}")
             endings += [_interrupt(name, programs[name], Path(folder), rng) for _ in range(times)]
         start = _handled_after(5)
     bad = [f"{one.what}: {one.problem}" for one in endings if one.problem]
     late = [f"{one.what}: after {one.seconds:.2f} s" for one in endings if one.seconds > LIMIT]
     failed = sum(bool(one.problem) or one.seconds > LIMIT for one in endings)
     longest = max(one.seconds for one in endings)
+    before = sum(one.before for one in endings)
     return [
         Promise(
             "SIGINT and SIGTERM end every program within 2 s, without a traceback",
             f"{times} times {', '.join(names)}: one or two signals at a random moment from "
             f"{BEGUN:g} s after the start on: imports, kernels, updates, writing",
-            f"{len(endings) - failed} of {len(endings)}, after {longest:.2f} s at most; Python "
-            f"itself needs {1e3 * start:.0f} ms until our handlers are there, during which it "
-            f"ends in its own way{''.join(f'; {text}' for text in (bad + late)[:1])}",
-            not bad,
+            f"{len(endings) - failed} of {len(endings)}, after {longest:.2f} s at most; {before} "
+            f"had ended before the signal; Python itself needs {1e3 * start:.0f} ms until our "
+            "handlers are there, during which it ends in its own way"
+            + "".join(f"; {text}" for text in (bad + late)[:1]),
+            not bad and before < len(endings) / 2,
             not late,
         )
     ]
@@ -92,6 +95,7 @@ def _interrupt(name: str, program: Program, folder: Path, rng: random.Random) ->
         own = Path(place)
         with started(program.words, own) as process:
             time.sleep(moment)
+            before = process.poll() is not None
             told = time.monotonic()
             process.send_signal(number)
             if rng.random() < 0.3:
@@ -102,7 +106,7 @@ def _interrupt(name: str, program: Program, folder: Path, rng: random.Random) ->
             except subprocess.TimeoutExpired:
                 return Ending(what, 10.0 * LIMIT, "it didn't end")
             seconds = time.monotonic() - told
-        return Ending(what, seconds, _problem(program, code, seconds, said(own)))
+        return Ending(what, seconds, _problem(program, code, seconds, said(own)), before)
 
 
 def _problem(program: Program, code: int, seconds: float, text: str) -> str:
@@ -122,10 +126,8 @@ def _problem(program: Program, code: int, seconds: float, text: str) -> str:
 def _handled_after(times: int) -> float:
     """Time from the start of a process to our handlers, the median of so many, s."""
     took = []
-    words = command()
-    words[words.index("-c") + 1] = HANDLED
     for _ in range(times):
         started_at = time.monotonic()
-        done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+        done = subprocess.run(python(HANDLED), stdout=subprocess.PIPE, text=True, check=True)
         took.append(float(done.stdout) - started_at)
     return sorted(took)[times // 2]

@@ -166,7 +166,7 @@ def answer(task: dict[str, str]) -> dict[str, Any]:
         "line": line,
         "seconds": time.monotonic() - started,
         "memory_mb": memory,
-        "fault": fault or _fault(code, line, memory, out),
+        "fault": fault or _fault(task["kind"], code, line, memory, out),
     }
 
 
@@ -185,7 +185,7 @@ def _read(task: dict[str, str], out: Path) -> int:
     return main(["segment", task["path"], *options])
 
 
-def _fault(code: int, line: str, memory_mb: float, out: Path) -> str:
+def _fault(kind: str, code: int, line: str, memory_mb: float, out: Path) -> str:
     """What is not as promised; empty if all is."""
     there = sorted(path.name for path in out.rglob("*")) if out.exists() else []
     if any(name.startswith(".") for name in there):
@@ -193,7 +193,7 @@ def _fault(code: int, line: str, memory_mb: float, out: Path) -> str:
     if memory_mb > MEMORY_MB:
         return f"it took {memory_mb:.0f} MB"
     if code == 0:
-        return _incomplete(out) if out.exists() else ""
+        return "" if kind == "map" else _incomplete(out)
     if code != 2:
         return f"exit code {code}"
     if len(line.splitlines()) != 1 or not line.startswith("ellipseg: ") or len(line) > LONGEST:
@@ -202,7 +202,9 @@ def _fault(code: int, line: str, memory_mb: float, out: Path) -> str:
 
 
 def _incomplete(out: Path) -> str:
-    """Whether the results of a run that ended well lack something."""
+    """What the results of a run that ended well lack."""
+    if not out.exists():
+        return "no results"
     summary = json.loads((out / "summary.json").read_text("utf-8"))
     missing = [name for name in summary["files"] if not Path(name).exists()]
     return f"{', '.join(missing)} is not there" if missing else ""

@@ -89,8 +89,8 @@ def overload(trial: Trial) -> list[Promise]:
         trial.say(f"overload: {factor} x {capacity:,.0f} points/s, few at a time")
         floods.append(_case(factor, capacity, flood, trial))
     return [
-        _peaks(cases, how, _max_points(load, capacity)),
-        _bound(floods, _max_points(flood, capacity)),
+        _peaks(cases, how, load, _max_points(load, capacity)),
+        _bound(floods, flood, _max_points(flood, capacity)),
         _newest(cases),
         _latency(cases, load),
         _recovery(cases, load),
@@ -181,23 +181,32 @@ def _each(cases: list[Case], texts: Iterable[str]) -> str:
     return "; ".join(f"{case.factor} x: {text}" for case, text in zip(cases, texts, strict=True))
 
 
-def _peaks(cases: list[Case], how: str, max_points: int) -> Promise:
+def _peaks(cases: list[Case], how: str, load: Load, max_points: int) -> Promise:
     early = [int(case.said["points expired early"]) for case in cases]
+    full = [case.rate * load.window_s > max_points for case in cases]
+    # At the end of the overload the window has `max_points`, and none has left it by age.
+    least = [case.rate * case.calm_from - max_points for case in cases]
     return Promise(
         "beyond `max_points` the oldest expire early, and are counted",
-        f"{how}; `max_points` {max_points:,}; most memory of the node",
+        f"{how}; `max_points` {max_points:,}: none of a load of which a window has less, else all "
+        "that were sent but those; most memory of the node",
         _memory(cases),
-        early == sorted(early) and early[-1] > 0,
+        any(full)
+        and all(
+            count >= low if more else count == 0
+            for count, low, more in zip(early, least, full, strict=True)
+        ),
     )
 
 
-def _bound(floods: list[Case], max_points: int) -> Promise:
+def _bound(floods: list[Case], load: Load, max_points: int) -> Promise:
     early = [int(case.said["points expired early"]) for case in floods]
     low, high = (case.peak_mb for case in floods)
     return Promise(
         "memory is bounded by `max_points`, however many come",
-        f"the same with `max_points` {max_points:,}, of which the window is full and as many wait "
-        f"for every update; most memory of the node, at most {MORE:g} times that at half the load",
+        f"the same for {load.laps * load.lap_s:.0f} s with `max_points` {max_points:,}, of which "
+        "the window is full and as many wait for every update; most memory of the node, at most "
+        f"{MORE:g} times that at half the load",
         _memory(floods),
         min(early) > 0,
         high <= MORE * low,
@@ -214,13 +223,15 @@ def _memory(cases: list[Case]) -> str:
 
 def _newest(cases: list[Case]) -> Promise:
     behind = (NodeConfig().max_backlog + 1) * Config().update_period
-    usual = [float(np.quantile(case.stale, USUAL)) for case in cases]
-    worst = [float(case.stale.max()) for case in cases]
+    stale = [case.stale[case.stamp < case.calm_from] for case in cases]
+    usual = [float(np.quantile(one, USUAL)) for one in stale]
+    worst = [float(one.max()) for one in stale]
     texts = [f"{u:.1f} s, most {w:.1f} s" for u, w in zip(usual, worst, strict=True)]
     return Promise(
         "an update has the newest clouds",
         f"clouds that were sent {SLACK:g} s before an update could begin and are not in it: in "
-        f"{USUAL:.0%} of the updates at most `max_backlog` + 1 periods ({behind:g} s) of them",
+        f"{USUAL:.0%} of the updates of the overload at most `max_backlog` + 1 periods "
+        f"({behind:g} s) of them",
         _each(cases, texts),
         True,
         max(usual) <= behind,
@@ -247,22 +258,29 @@ def _latency(cases: list[Case], load: Load) -> Promise:
 def _recovery(cases: list[Case], load: Load) -> Promise:
     limit = 2.0 * load.window_s
     took = [recovery(case, load.window_s) for case in cases]
+    usual = [calm(case, load.window_s) for case in cases]
+    period = Config().update_period
     return Promise(
         "the node recovers within two windows",
         f"then {CALM:g} times the capacity; time until no two updates in a row have more than "
-        f"{NORMAL:g} times the latency of the last window; at most {limit:g} s",
-        _each(cases, [f"{seconds:.0f} s" for seconds in took]),
+        f"{NORMAL:g} times the median latency of the last window, at most {limit:g} s; and that "
+        f"latency, at most `update_period` ({period:g} s)",
+        _each(cases, [f"{s:.0f} s, then {t:.2f} s" for s, t in zip(took, usual, strict=True)]),
         True,
-        max(took) <= limit,
+        max(took) <= limit and max(usual) <= period,
     )
+
+
+def calm(case: Case, window_s: float) -> float:
+    """Median latency of the last window, s."""
+    return float(np.median(case.latency[case.stamp >= case.stamp[-1] - window_s]))
 
 
 def recovery(case: Case, window_s: float) -> float:
     """Seconds from the end of the overload until no two updates in a row are late any more."""
     after = case.stamp >= case.calm_from
     latency, stamp = case.latency[after], case.stamp[after]
-    normal = NORMAL * float(np.median(latency[stamp >= stamp[-1] - window_s]))
-    late = latency > normal
+    late = latency > NORMAL * calm(case, window_s)
     again = np.flatnonzero(late[:-1] & late[1:]) + 1
     return float(stamp[again[-1]]) - case.calm_from if len(again) else 0.0
 

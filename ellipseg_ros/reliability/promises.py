@@ -29,6 +29,6 @@ class Promise:
 class Trial:
     """How long and hard to try, and whom to tell of what is being done."""
 
-    quick: bool = False  # a minute or two for each subject, not half an hour
+    quick: bool = False  # a minute or two for each subject, not a quarter of an hour
     seed: int = 0
     say: Callable[[str], object] = lambda _: None

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from ellipseg_ros.cli.running import START, running
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.reliability.fault_programs import said, started
 from ellipseg_ros.reliability.last_word import last_word
@@ -43,6 +44,14 @@ class Calls:
     granted: int
 
 
+@dataclass
+class Flood:
+    """Of all services that were called."""
+
+    seconds: float = 0.0  # that they were
+    calls: dict[str, Calls] = field(default_factory=dict)  # by service
+
+
 @dataclass(frozen=True)
 class Case:
     """One drive, with a flood or without."""
@@ -50,9 +59,9 @@ class Case:
     updates: int
     expected: int
     lost: int  # clouds
-    latency: float  # s, median
+    latency: float  # s, median: from the newest cloud of an update sent to its segments received
     points: list[int]  # segmented in the window, as known at every cloud, and at last
-    calls: dict[str, Calls] = field(default_factory=dict)  # by service
+    flood: Flood = field(default_factory=Flood)
 
     @property
     def usual_points(self) -> float:
@@ -67,41 +76,45 @@ def strangers(trial: Trial) -> list[Promise]:
     for name, services in FLOODS.items():
         trial.say(f"strangers: a drive, calls of {name}")
         cases[name] = drive(services, seconds, trial.seed)
-    how = f"{seconds:g} s in real time for each, four calls at once by another process"
+    how = f"{seconds:g} s in real time for each, {AT_ONCE} calls of a service at once, by another "
+    how += "process"
     quiet, floods = cases["nobody"], {name: cases[name] for name in FLOODS if FLOODS[name]}
-    return [_goes_on(quiet, floods, how), _answers(floods, seconds, how)]
+    return [_goes_on(quiet, floods, how), _answers(floods, how)]
 
 
 def drive(services: list[str], seconds: float, seed: int) -> Case:
     """Replay a simulated drive into a node of which the services are called all the time."""
     scene = simulate("industrial", duration=seconds, seed=seed)
     points: list[int] = []
+    sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
     with running({}) as (listener, _, ros_args):
         with Replayer(scene, ReplayOptions(clock=False), ros_args) as replayer:
             listener.wait_for_topics(START)
 
-            def note(_: Sweep) -> None:
+            def note(sweep: Sweep) -> None:
+                sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
                 points.append(int(listener.diagnostics.get("points segmented", "0")))
 
-            with flood(services, ros_args) as calls:
+            with flooded(services, ros_args) as flood:
                 replayer.run(note)
                 last = last_word(listener, REPORTS)
+        came = dict(listener.updates)
         return Case(
             updates=int(last["updates"]) + int(last["updates joined"]),
             expected=int(seconds) - 1,
             lost=int(last["clouds lost by DDS"]),
-            latency=float(last["latency median [s]"]),
+            latency=median(came[stamp] - sent[stamp] for stamp in came if stamp in sent) / SECOND,
             points=[*points, int(last["points segmented"])],
-            calls=calls,
+            flood=flood,
         )
 
 
 @contextmanager
-def flood(services: list[str], ros_args: list[str]) -> Iterator[dict[str, Calls]]:
+def flooded(services: list[str], ros_args: list[str]) -> Iterator[Flood]:
     """Call services for the time of the block; after it, the record tells how often."""
-    calls: dict[str, Calls] = {}
+    found = Flood()
     if not services:
-        yield calls
+        yield found
         return
     namespace = next(word.removeprefix("__ns:=") for word in ros_args if "__ns:=" in word)
     command = [sys.executable, "-c", FLOOD, f"{namespace}/ellipseg_segmenter", *services]
@@ -112,9 +125,11 @@ def flood(services: list[str], ros_args: list[str]) -> Iterator[dict[str, Calls]
         assert process.stdout is not None  # a pipe
         if process.stdout.readline().decode() != f"{BEGUN}\n":
             raise EllipsegError(f"the flood of calls has not begun: {said(Path(place))[-300:]}")
-        yield calls
+        began = time.monotonic()
+        yield found
+        found.seconds = time.monotonic() - began
         told, _ = process.communicate(timeout=PATIENCE)  # which ends its stdin
-        calls |= {name: Calls(*counts) for name, counts in json.loads(told).items()}
+        found.calls |= {name: Calls(*counts) for name, counts in json.loads(told).items()}
 
 
 def _goes_on(quiet: Case, floods: dict[str, Case], how: str) -> Promise:
@@ -127,10 +142,11 @@ def _goes_on(quiet: Case, floods: dict[str, Case], how: str) -> Promise:
     least = NEAR * quiet.usual_points
     return Promise(
         "a flood of calls does not keep the node from segmenting",
-        f"{how}; every update comes, no cloud is lost, the points segmented in a window (median "
-        f"over the second half) are at least {NEAR:g} times those without calls "
-        f"({quiet.usual_points:,.0f}), and the median latency at most {LEAST:g} s, or {TIMES:g} "
-        f"times that without calls ({quiet.latency:.2f} s)",
+        f"{how}; there is an update for every second, no cloud is lost, the points segmented in a "
+        f"window (median over the second half) are at least {NEAR:g} times those without calls "
+        f"({quiet.usual_points:,.0f}), and the median latency, from a cloud sent to its segments "
+        f"received, at most {LEAST:g} s, or {TIMES:g} times that without calls "
+        f"({quiet.latency:.2f} s)",
         "; ".join(texts),
         all(
             not one.lost and one.updates >= one.expected and one.usual_points >= least > 0.0
@@ -140,20 +156,20 @@ def _goes_on(quiet: Case, floods: dict[str, Case], how: str) -> Promise:
     )
 
 
-def _answers(floods: dict[str, Case], seconds: float, how: str) -> Promise:
+def _answers(floods: dict[str, Case], how: str) -> Promise:
     texts, kept = [], True
-    for one in floods.values():
-        for service, calls in sorted(one.calls.items()):
+    for flood in (one.flood for one in floods.values()):
+        for service, calls in sorted(flood.calls.items()):
             texts.append(
-                f"{service}: {calls.answered / seconds:,.0f} answers a second, "
+                f"{service}: {calls.answered / flood.seconds:,.0f} answers a second, "
                 f"{calls.asked - calls.answered} missing, {calls.granted:,} granted"
             )
             kept &= calls.answered == calls.asked > AT_ONCE
-        kept &= bool(one.calls)
+        kept &= bool(flood.calls)
     return Promise(
         "every call is answered, if only by a refusal",
         f"{how}; parameters with a value out of range; of tunings one at a time, and 30 % of the "
         "time at most after the first 20 s of work; of resets 30 a minute",
         "; ".join(texts),
-        kept and floods["parameters"].calls["set_parameters"].granted == 0,
+        kept and floods["parameters"].flood.calls["set_parameters"].granted == 0,
     )

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.measuring.machine import describe
 from ellipseg_ros.reliability.fault_signals import signals
 from ellipseg_ros.reliability.fault_subjects import caches, company, disks, kills
@@ -33,10 +34,16 @@ SUBJECTS: dict[str, tuple[str, Callable[[Trial], list[Promise]]]] = {
 
 
 def soak(name: str, trial: Trial) -> dict[str, Any]:
-    """Try a subject; JSON-ready: machine, duration, promises."""
+    """Try a subject; JSON-ready: machine, duration, promises.
+
+    A node that ends or is silent, which ends the trial, is a promise that was not kept.
+    """
     machine = describe()
     started = time.monotonic()
-    promises = SUBJECTS[name][1](trial)
+    try:
+        promises = SUBJECTS[name][1](trial)
+    except EllipsegError as error:
+        promises = [Promise("the trial comes to its end", "all of the subject", f"{error}", False)]
     return {
         "machine": machine,
         "quick": trial.quick,

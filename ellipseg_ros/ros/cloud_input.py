@@ -44,6 +44,7 @@ class CloudInput:
         self._tell_lost = lost
         self._topic = node.resolve_topic_name("points")
         self._number: int | None = None  # of the last cloud, by its publisher
+        self._several = False  # publishers, at the last gap
         self._old: Subscription[Any] | None = None  # until the new one is known to hear all
         self._both: list[tuple[int, int | None]] = []  # what they have heard since, by any of them
         # A publisher may be found, and `_adapt` called, before `_subscribe` has returned.
@@ -125,9 +126,13 @@ class CloudInput:
         several publishers the numbers can't be told apart.
         """
         before, self._number = self._number, number
-        if number is None or before is None or number <= before + 1:
+        if number is None or before is None or number == before + 1:
             return
-        if self._node.count_publishers(self._topic) == 1:
+        if self._node.count_publishers(self._topic) != 1:
+            self._several = True
+        elif self._several:  # the number before may be of one that has gone
+            self._several = False
+        elif number > before:
             self._tell_lost(number - before - 1)
 
     def _on_lost(self, event: QoSMessageLostInfo) -> None:

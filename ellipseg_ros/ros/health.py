@@ -40,7 +40,7 @@ class Health:
         updates taken together or given up; three updates in a row later than `update_period`;
         points expired early for `max_points`; stamps that stand still, or jump
         forward by more than the window; the frame looks like a sensor's; another node
-        publishes the same topics.
+        publishes the same topics; the window began anew more than once.
     OK: else.
     The table under /diagnostics in README.md says what to do about each.
     """
@@ -197,6 +197,8 @@ class Health:
             warnings.append(f"max_points reached: {new['crowded out']} points expired early")
         if self._still >= STILL:
             warnings.append(f"the stamps stand still: {self._still} clouds are no newer")
+        if new["restarts"] > 1:
+            warnings.append(f"the window began anew {new['restarts']} times: {self._last_restart}")
         if new["gaps"]:
             warnings.append("the stamps jumped forward by more than the window")
         if self.sensor_frame:

@@ -10,7 +10,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-LONGEST_PAUSE = 0.01  # s: clouds may wait meanwhile
+LONGEST_PAUSE = 0.05  # s: clouds may wait meanwhile
 
 
 def throttled(seconds: float = 5.0) -> dict[str, Any]:
@@ -63,6 +63,10 @@ class Share:
         """Count work that has been done."""
         self._credit = self._now() - seconds
 
+    def forgive(self) -> None:
+        """Let no more be owed than a burst."""
+        self._credit = max(self._credit, -self._burst)
+
     def wait(self) -> float:
         """How long until work may begin, s; 0: at once."""
         self._credit = self._now()
@@ -79,7 +83,8 @@ class Share:
 class Pauses:
     """Pauses of the thread that answers calls, which then takes a share of a core at the most.
 
-    So a flood of calls leaves the cores, and Python's lock, to the work. Called in that thread.
+    So a flood of calls leaves the cores, and Python's lock, to the work. After one that takes
+    long the pause is short, as clouds wait meanwhile. Called in that thread.
     share, burst: of its own time on a core, as in Share.
     """
 
@@ -95,8 +100,10 @@ class Pauses:
     def take(self) -> None:
         """Wait a moment if too much was done."""
         before, self._spent = self._spent, time.thread_time()
-        if before is not None and not self._exempt:
-            self._share.spend(self._spent - before)
-        self._exempt = False
+        exempt, self._exempt = self._exempt, False
+        if before is None or exempt:
+            return
+        self._share.spend(self._spent - before)
+        self._share.forgive()  # clouds need not wait on and on for what was asked long ago
         if wait := self._share.wait():
             time.sleep(min(wait, LONGEST_PAUSE))

@@ -1,6 +1,7 @@
-"""A process that tells what arrives on the segmenter's topics, and when: for `ellipseg bench`.
+"""A process that tells what arrives on the segmenter's topics, and when.
 
-One line of JSON for everything that it hears, on stdout. Its clock is the one of all processes.
+For `ellipseg bench` and `ellipseg soak`. One line of JSON for everything that it hears, on stdout.
+Its clock is the one of all processes.
 """
 
 import json

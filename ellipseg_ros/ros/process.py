@@ -2,7 +2,9 @@
 
 import os
 import re
+import traceback
 from collections.abc import Callable
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from typing import Protocol
@@ -14,10 +16,12 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+import ellipseg_ros
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.farewell import Farewell
-from ellipseg_ros.ros.limits import Pauses
+from ellipseg_ros.ros.limits import Pauses, throttled
 
+PACKAGE = Path(ellipseg_ros.__file__).parent
 # Ends the process: in peace (None), or by an error that nobody expected.
 End = Callable[[BaseException | None], None]
 
@@ -41,13 +45,16 @@ class Spinner:
     """Runs the callbacks of a node in a thread of its own.
 
     So the main thread is free to wait for signals: Python runs their handlers only there, and not
-    while it waits inside DDS.
+    while it waits inside DDS. What callbacks of this package raise goes to `end`. What rclpy
+    raises by itself, of a message with values that cannot be (a parameter of type 200, a negative
+    /clock), is logged, and the message is lost: else any stranger could end the node.
     """
 
     def __init__(self, node: Node, end: End, pauses: Pauses | None = None) -> None:
         self._pauses = pauses
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
+        self._log = node.get_logger()
         self._end = end
         self._stopped = False
         self._thread = Thread(target=self._spin, name="callbacks", daemon=True)
@@ -63,11 +70,19 @@ class Spinner:
     def _spin(self) -> None:
         try:
             while not self._stopped:
-                self._executor.spin_once()
+                self._spin_once()
                 if self._pauses is not None:
                     self._pauses.take()
         except Exception as error:
             self._end(error)
+
+    def _spin_once(self) -> None:
+        try:
+            self._executor.spin_once()
+        except (ValueError, TypeError, OverflowError) as error:
+            if _is_ours(error):
+                raise
+            self._log.warning(f"a message that rclpy does not take: {error}", **throttled())
 
 
 def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
@@ -100,6 +115,12 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
     if not finished:
         os._exit(code)  # a kernel that compiles or runs can't be interrupted: it delays the end
     return farewell.end(code)
+
+
+def _is_ours(error: Exception) -> bool:
+    """Whether code of this package raised it, or called what did; but for the spinner."""
+    _, *frames = traceback.extract_tb(error.__traceback__)
+    return any(Path(frame.filename).is_relative_to(PACKAGE) for frame in frames)
 
 
 def _failed(reason: BaseException) -> int:

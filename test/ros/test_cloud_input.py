@@ -105,6 +105,43 @@ def test_what_is_given_stays(given, me, ros_domain):
         assert here.came.messages and here.points.reliability.name.lower() == given
 
 
+class Counted:
+    """Of a node: how many publishers it knows."""
+
+    publishers = 1
+
+    def resolve_topic_name(self, name):
+        return name
+
+    def get_publishers_info_by_topic(self, topic):
+        return []
+
+    def count_publishers(self, topic):
+        return self.publishers
+
+    def create_subscription(self, *_, **__):
+        return None
+
+
+def test_one_of_two_publishers_that_goes_has_lost_nothing():
+    node, lost = Counted(), []
+    points = CloudInput(node, NodeConfig(), lambda _: None, lost.append)
+
+    def come(*numbers):
+        for number in numbers:
+            points._on_cloud(None, {"publication_sequence_number": number, "source_timestamp": 0})
+
+    come(1, 2, 5)
+    assert lost == [2]
+    node.publishers = 2
+    come(5001, 6, 5002, 7)
+    node.publishers = 1
+    come(5003, 5004)  # the other has gone
+    assert lost == [2]
+    come(5006)
+    assert lost == [2, 1]
+
+
 class Early:
     """Of a node: its publisher is found while `create_subscription` runs, in another thread."""
 

@@ -84,6 +84,18 @@ def test_points_that_left_no_trace_are_told(clock):
     assert found.report(0).level == OK
 
 
+def test_a_window_that_begins_anew_again_and_again_is_worth_a_warning(clock):
+    found = ready()
+    for times in (1, 3):
+        found.cloud()
+        for _ in range(times):
+            found.updated(window(restart="the frame changed from 'a' to 'b'"), 0.1, 0.2)
+        report = found.report(0)
+        assert report.level == (OK if times == 1 else WARN)
+    assert report.message == "the window began anew 3 times: the frame changed from 'a' to 'b'"
+    assert report.values["restarts"] == "4"
+
+
 def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
     found = ready()
     found.cloud()

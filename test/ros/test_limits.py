@@ -104,6 +104,16 @@ def test_no_pause_is_long_whatever_a_call_took(core):
     assert core.pauses == [LONGEST_PAUSE] * 3
 
 
+def test_what_was_asked_long_ago_is_forgiven(clock, core):
+    pauses = Pauses(0.2, burst=0.1)
+    pauses.take()
+    calls(pauses, core, 1, seconds=60.0)
+    clock.s += 0.6  # which pays back a burst
+    core.pauses.clear()
+    calls(pauses, core, 1, seconds=1e-6)
+    assert not core.pauses
+
+
 def test_clouds_are_never_paced(core):
     pauses = Pauses(0.2, burst=0.1)
     pauses.take()
@@ -113,7 +123,11 @@ def test_clouds_are_never_paced(core):
         pauses.take()
     assert not core.pauses
     calls(pauses, core, 1, seconds=0.5)  # the exemption was for the clouds only
-    assert core.pauses
+    assert len(core.pauses) == 1
+    core.work(0.05)
+    pauses.exempt()
+    pauses.take()  # and the next cloud doesn't pay for the call
+    assert len(core.pauses) == 1
 
 
 def test_a_throttled_line_comes_once_and_each_call_of_the_logger_is_one_of_its_own(capfd):

@@ -1,13 +1,20 @@
 """Settings as ROS parameters; over DDS they are tested in test_node.py."""
 
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
 import rclpy
 import yaml
+from builtin_interfaces.msg import Time
+from harness import peer, running
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 
 from ellipseg_ros.config import (
     AssociationConfig,
@@ -18,8 +25,11 @@ from ellipseg_ros.config import (
     flatten,
 )
 from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.ros.limits import Quota
 from ellipseg_ros.ros.parameters import Parameters, as_yaml
+from ellipseg_ros.ros.process import Spinner
 
+NODE = "/ellipseg_segmenter"
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -92,6 +102,39 @@ def test_other_parameters_of_the_node_stay_its_own(make_node):
     (answer,) = node.set_parameters([Parameter("use_sim_time", value=True)])
     assert answer.successful
     assert parameters.records() == (Config(),)
+
+
+@pytest.fixture
+def spun(ros_domain, tmp_path):
+    """A segmenter that runs, and a peer to call it."""
+    log = tmp_path / "log"
+    words = ["-p", "use_sim_time:=true"]
+    with running("segmenter_node", words, log) as node, peer(ros_domain) as me:
+        yield node, me
+
+
+def test_a_message_that_rclpy_does_not_take_does_not_end_the_node(spun):
+    node, me = spun
+    clock = me.speak(Clock, "/clock")
+    assert me.get(NODE, "max_points")
+    odd = ParameterMessage(name="threshold", value=ParameterValue(type=200))
+    client = me.node.create_client(SetParameters, f"{NODE}/set_parameters")
+    assert client.wait_for_service(60.0)
+    client.call_async(SetParameters.Request(parameters=[odd]))  # which nobody answers
+    clock.send(Clock(clock=Time(sec=-1)))
+    (taken,) = me.set(NODE, marker_sigmas=3.0)
+    assert taken.successful and node.alive()
+    assert node.said.count("a message that rclpy does not take") >= 1
+
+
+def test_what_a_callback_of_ours_raises_ends_the_node(make_node):
+    node = make_node()
+    ended = SimpleQueue()
+    spinner = Spinner(node, ended.put)
+    node.create_timer(0.01, lambda: Quota("many", 1.0))
+    with pytest.raises(TypeError, match="an integer is required"):
+        raise ended.get(timeout=60.0)
+    spinner.stop()
 
 
 def test_the_file_in_config_says_what_config_py_says():
