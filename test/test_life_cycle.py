@@ -164,6 +164,23 @@ def test_full_messages_come_by_the_stamps_whoever_listened():
     assert all(full for full, one in zip(first, found, strict=True) if one.restart)
 
 
+def test_the_first_message_lists_everything_at_any_time():
+    segmenter, points = Segmenter(Config()), np.random.default_rng(0).normal(size=(50, 3))
+    found = [segmenter.process(Sweep(k * SECOND, points + k)) for k in range(4)]
+    sender = SegmentStream(NodeConfig(full_segments_period=10.0))
+    assert [decoded(sender.update(one)).full for one in found] == [True, False, False, False]
+
+
+def test_a_period_set_later_begins_with_a_message_that_lists_everything():
+    segmenter, points = Segmenter(Config()), np.random.default_rng(0).normal(size=(50, 3))
+    found = [segmenter.process(Sweep((100 + k) * SECOND, points + k)) for k in range(6)]
+    sender, told = SegmentStream(NodeConfig()), []
+    for one, period in zip(found, (0.0, 10.0, 10.0, 0.0, 20.0, 20.0), strict=True):
+        sender.configure(NodeConfig(full_segments_period=period))
+        told.append(decoded(sender.update(one)).full)
+    assert told == [True, True, False, True, True, False]
+
+
 def test_changes_of_another_run_are_not_taken_for_ones_own():
     ours, others = list(stream(1)), list(stream(2))
     mirror = SegmentMirror()

@@ -11,6 +11,7 @@ from ellipseg_ros.data import SECOND
 from ellipseg_ros.msg import TuningCurve
 from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.limits import throttled
+from ellipseg_ros.ros.process import End
 from ellipseg_ros.ros.tuner import Tuned, Tuner
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.live import Hysteresis, Verdict, at_once, report
@@ -23,16 +24,17 @@ class LiveTuning:
     """Has the tuner work, sets the threshold, and tells of it.
 
     Everything but the tuner runs among the node's callbacks, in their thread.
+    end: as for the tuner.
     """
 
-    def __init__(self, node: Node, health: Health) -> None:
+    def __init__(self, node: Node, health: Health, end: End) -> None:
         self._node = node
         self._health = health
         self._hysteresis = Hysteresis()
         self.reason = SET  # why the next change of the parameters comes about
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._curves = node.create_publisher(TuningCurve, "tuning_curve", latched)
-        self.tuner = Tuner(lambda tuned: self._among_callbacks(self._by_itself, tuned))
+        self.tuner = Tuner(lambda tuned: self._among_callbacks(self._by_itself, tuned), end)
         service = node.create_service(Trigger, "~/tune", lambda _, response: response)
         # The answer comes seconds later. rclpy would wait for it: with no other callback running,
         # or, for a coroutine, asking all the time whether it is there (rclpy 7.1).

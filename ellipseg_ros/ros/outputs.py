@@ -84,9 +84,12 @@ class Outputs:
             )
 
     def list_all(self) -> None:
-        """Send the last update on `segments` again, in full, if it went out as changes."""
+        """Send the last update on `segments` again, if the next may come as changes.
+
+        In full, also if it went out so: a newcomer has come too late for it.
+        """
         found = self._latest
-        if found is not None and not self._stream.full:
+        if found is not None and self._stream.repeats:
             self._send(self._segments, lambda: write_segments(found))
 
     def clear(self) -> None:

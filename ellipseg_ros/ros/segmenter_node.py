@@ -63,7 +63,7 @@ class SegmenterNode:
         node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         node.create_service(Trigger, "~/reset", self._reset)
         self._resets = Quota(*RESETS)
-        self._tuning = LiveTuning(node, self._health)
+        self._tuning = LiveTuning(node, self._health, end)
         self._reason = self._tuning.reason  # of the last change of the parameters
         around = Around(
             self._backlog,

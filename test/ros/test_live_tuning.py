@@ -1,6 +1,10 @@
 """Tuning on a running node: `~/tune`, `auto_tune_period`, and what is told of them."""
 
 import json
+import math
+import os
+import threading
+import time
 from contextlib import contextmanager
 from queue import Queue
 from threading import Event, Thread
@@ -21,7 +25,7 @@ from std_srvs.srv import Trigger
 from ellipseg_ros.config import Config
 from ellipseg_ros.data import Sweep
 from ellipseg_ros.msg import SegmentArray, TuningCurve
-from ellipseg_ros.ros import tuner
+from ellipseg_ros.ros import limits, tuner
 from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.segmenter_node import SegmenterNode
 from ellipseg_ros.ros.tuner import Tuned, Tuner
@@ -181,7 +185,8 @@ def held(domain, monkeypatch):
     running_node.node.get_logger().set_level(LoggingSeverity.WARN)
     spinner = Spinner(running_node.node, ended.append)
     with meeting(domain, "/held") as found:
-        found.begun, found.go = begun, go
+        found.begun, found.go, found.ended = begun, go, ended
+        found.tuner = running_node._tuning.tuner
         yield found
     go.set()
     running_node.close()
@@ -243,13 +248,123 @@ def test_a_tuning_that_fails_is_told_and_the_node_lives_on(held, monkeypatch):
     assert update(held, 3.0).segmented > 0
 
 
+def test_an_error_that_nobody_expected_ends_the_node(held, monkeypatch):
+    error = RuntimeError("nobody expected this")
+
+    def broken(*args):
+        raise error
+
+    monkeypatch.setattr(tuner, "work", broken)
+    held.points.send(sweep(1.0))
+    update(held, 2.0)
+    assert held.tuner.ask(print) == ""
+    held.tuner.join(60.0)
+    assert held.ended == [error]
+    held.ended.clear()  # for the fixture, which expects none
+
+
 # --- the tuner alone -------------------------------------------------------------------------
+
+
+class Tunings:
+    """A tuner whose tunings take so many seconds, of a clock that only the test turns on."""
+
+    def __init__(self, monkeypatch, seconds):
+        self.now, self.seconds, self.ended = 100.0, seconds, []
+        monkeypatch.setattr(limits, "time", SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(tuner, "work", self._work)
+        self.tuner = Tuner(lambda _: None, print)
+
+    def _work(self, found, config):
+        self.now += self.seconds
+        self.ended.append(found.end_ns / SECOND)
+        return Tuned(found, config, None)
+
+    def drive(self, until, period):
+        """An update every second, of the clock and of the sensor."""
+        while self.now < until:
+            found = made.segmentation(points=120, end_ns=round(self.now * SECOND))
+            self.tuner.look(found, Config(), period)
+            self.rest()
+            self.now = math.floor(self.now) + 1.0
+
+    def rest(self):
+        """Wait until it does nothing."""
+        while self.tuner._busy:
+            assert self.tuner.is_alive()
+            time.sleep(0.0005)
+
+    def __enter__(self):
+        self.tuner.start()
+        return self
+
+    def __exit__(self, *_):
+        self.tuner.close()
+        self.tuner.join(60.0)
+
+
+def test_however_short_the_period_tunings_have_a_share_of_the_time(monkeypatch):
+    with Tunings(monkeypatch, 3.0) as tunings:
+        tunings.drive(700.0, 0.001)
+    share, burst = tuner.TUNINGS
+    assert 3.0 * len(tunings.ended) == pytest.approx(share * 600.0 + burst, rel=0.03)
+
+
+def test_a_period_of_tens_of_seconds_is_kept(monkeypatch):
+    with Tunings(monkeypatch, 5.5) as tunings:
+        tunings.drive(1000.0, 20.0)
+    assert tunings.ended == list(np.arange(120.0, 1000.0, 20.0))
+
+
+def test_what_is_asked_for_and_what_it_does_by_itself_have_one_share(monkeypatch):
+    with Tunings(monkeypatch, 25.0) as tunings:
+        tunings.drive(102.0, 30.0)
+        assert tunings.tuner.ask(lambda _: None) == ""
+        tunings.rest()
+        assert "too many tunings; call again in 16.7 s" in tunings.tuner.ask(print)
+        tunings.drive(160.0, 30.0)
+        assert tunings.ended == [101.0, 144.0]  # not at 130 s
+        assert "too many tunings" in tunings.tuner.ask(print)
+
+
+@pytest.mark.parametrize("niceness", [0, 19])
+def test_its_priority_is_low_and_never_raised(monkeypatch, niceness):
+    present, seen = os.getpriority(os.PRIO_PROCESS, 0), Queue()
+
+    def work(found, config):
+        seen.put(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+        return Tuned(found, config, None)
+
+    def started_nicely():
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), max(present, niceness))
+        thread.start()  # it begins with the priority of who starts it
+
+    monkeypatch.setattr(tuner, "work", work)
+    thread = Tuner(print, print)
+    starter = Thread(target=started_nicely)
+    starter.start()
+    starter.join(60.0)
+    thread.look(made.segmentation(), Config(), 0.0)
+    assert thread.ask(lambda _: None) == ""
+    assert seen.get(timeout=60.0) == max(present, niceness, tuner.NICE)
+    thread.close()
+    thread.join(60.0)
+
+
+def test_where_priorities_are_forbidden_it_tunes_all_the_same(monkeypatch):
+    def forbidden(*args):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "setpriority", forbidden)
+    with Tunings(monkeypatch, 1.0) as tunings:
+        tunings.drive(105.0, 2.0)
+    assert tunings.ended == [102.0, 104.0]
 
 
 def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
     ended = Queue()
     monkeypatch.setattr(tuner, "work", lambda found, config: Tuned(found, config, None))
-    thread = Tuner(lambda tuned: ended.put(tuned.found.end_ns // SECOND))
+    thread = Tuner(lambda tuned: ended.put(tuned.found.end_ns // SECOND), print)
     thread.start()
     heard = []
     for second in range(20):
@@ -264,7 +379,7 @@ def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
 
 
 def test_a_reset_takes_the_window_away():
-    thread = Tuner(print)
+    thread = Tuner(print, print)
     thread.look(made.segmentation(), Config(), 0.0)
     thread.forget()
     assert "no window" in thread.ask(print)
