@@ -9,6 +9,7 @@ from ellipseg_ros.data import SECOND, Array, Kind, Landmarks
 from ellipseg_ros.errors import InputError
 
 LARGEST = 1e8  # m: as with points, a coordinate beyond is no measurement
+WIDEST = 1e12  # m^2, rad^2: nor is what is uncertain by more than 1000 km
 ROUNDING = 1e-6  # of a covariance, by its largest value
 ROW_SHAPES = {  # of the arrays of Landmarks: of one row, and type
     "ids": ((), np.uint32),
@@ -91,10 +92,10 @@ def check(landmarks: Landmarks) -> None:
 
 
 def _check_covariance(covariance: Array) -> None:
-    """Refuse what is none: every one must be symmetric, without a negative variance."""
+    """Refuse what is none: every one must be symmetric, no variance negative or too large."""
     largest = np.abs(covariance).max(axis=(1, 2), initial=0.0)
-    if largest.max(initial=0.0) > LARGEST**2:
-        raise InputError(f"covariance has a value beyond {LARGEST**2:g}; it is none", "map")
+    if largest.max(initial=0.0) > WIDEST:
+        raise InputError(f"covariance has a value beyond {WIDEST:g}; it is no measurement", "map")
     apart = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(axis=(1, 2), initial=0.0)
     least = np.linalg.eigvalsh(covariance).min(axis=1, initial=0.0)
     if (apart > ROUNDING * largest).any() or (least < -ROUNDING * largest).any():
@@ -104,43 +105,47 @@ def _check_covariance(covariance: Array) -> None:
 class LandmarkMap:
     """Takes landmarks that expire, if they were stable; gives those that expired long enough ago.
 
-    The frame of the landmarks is that of the map: the odometry's, with its drift.
+    The frame of the landmarks is that of the map: the odometry's, with its drift. A map without
+    landmarks takes that of the first that enter it.
     """
 
     def __init__(self, config: MapConfig) -> None:
         self.config = config
         self.stored = Stored(no_landmarks(), np.zeros(0, np.int64), "", 1)
         self._live = no_landmarks()
+        self._live_frame = ""
         self._seen_ns = 0  # stamp of the last update
+        self._sequence = -1  # its number
         self._known: set[int] = set()  # ids of live ones that the map has already
 
     def clear(self) -> None:
-        """Forget all that has expired; ids go on."""
-        none = take(self.stored.landmarks, slice(0, 0))
-        self.stored = replace(self.stored, landmarks=none, last_seen_ns=np.zeros(0, np.int64))
-        self._known.clear()
+        """Forget all landmarks, live ones too, and their frame; ids go on."""
+        self.stored = Stored(no_landmarks(), np.zeros(0, np.int64), "", self.stored.next_id)
+        self._forget_live()
 
     def load(self, stored: Stored) -> None:
         """Take what was saved, instead of what is there."""
-        self._look_at_frame(stored.frame_id)
+        _compare(stored.frame_id, self._frame() or self._live_frame)
         self.stored = stored
         self._known.clear()
 
-    def update(self, live: Landmarks, stamp_ns: int, frame_id: str) -> None:
+    def update(self, live: Landmarks, stamp_ns: int, frame_id: str, sequence: int) -> None:
         """Take the landmarks of an update; those that it has no more expire.
 
-        Raises InputError for landmarks of another frame than the map's, and changes nothing.
+        All of before expire if time, or the number of the update, does not go on: ids may have
+        begun anew. If the frame is another, they are forgotten instead. Raises InputError for
+        landmarks of another frame than that of those stored, and changes nothing.
         """
         check(live)
-        self._look_at_frame(frame_id)
-        if frame_id and not self.stored.frame_id:
-            self.stored = replace(self.stored, frame_id=frame_id)
-        gone = ~np.isin(self._live.ids, live.ids)
-        if stamp_ns < self._seen_ns:  # time has jumped back: ids may have begun anew
-            gone[:] = True
-        self._expire(take(self._live, gone))
-        self._live, self._seen_ns = live, stamp_ns
-        self._known &= set(live.ids.tolist())
+        _compare(frame_id, self._frame())
+        if frame_id and self._live_frame not in ("", frame_id):
+            self._forget_live()
+        anew = self._begins_anew(live, stamp_ns, sequence)
+        self._expire(take(self._live, anew | ~np.isin(self._live.ids, live.ids)))
+        self._known &= set() if anew else set(live.ids.tolist())
+        if len(live):
+            self._live_frame = frame_id or self._live_frame
+        self._live, self._seen_ns, self._sequence = live, stamp_ns, sequence
 
     def recognized(self, ids: Array) -> None:
         """Note ids of live landmarks that the map has: they do not enter it once more."""
@@ -157,10 +162,28 @@ class LandmarkMap:
             last_seen_ns=self.stored.last_seen_ns[ripe],
         )
 
-    def _look_at_frame(self, frame_id: str) -> None:
-        known = self.stored.frame_id
-        if known and frame_id and known != frame_id:
-            raise InputError(f"landmarks are in frame {frame_id}; the map is in {known}", "frame")
+    def _begins_anew(self, live: Landmarks, stamp_ns: int, sequence: int) -> bool:
+        """Whether an update is not of the run that the live landmarks are of.
+
+        The last one may come again. A landmark of one id keeps its kind, and when it was seen
+        first: that tells of a restart whose first updates were lost.
+        """
+        again = (sequence, stamp_ns) == (self._sequence, self._seen_ns)
+        if stamp_ns < self._seen_ns or (sequence <= self._sequence and not again):
+            return True
+        _, old, new = np.intersect1d(self._live.ids, live.ids, return_indices=True)
+        return any(
+            (getattr(self._live, name)[old] != getattr(live, name)[new]).any()
+            for name in ("kind", "first_seen_ns")
+        )
+
+    def _forget_live(self) -> None:
+        self._live, self._live_frame = no_landmarks(), ""
+        self._known.clear()
+
+    def _frame(self) -> str:
+        """That of the landmarks stored; empty if there are none, or if it is not known."""
+        return self.stored.frame_id if len(self.stored) else ""
 
     def _expire(self, gone: Landmarks) -> None:
         """Add those that are worth it; the oldest go if there are too many."""
@@ -176,6 +199,11 @@ class LandmarkMap:
         self.stored = Stored(
             take(landmarks, kept),
             seen[kept],
-            self.stored.frame_id,
+            self._frame() or (self._live_frame if len(added) else ""),
             self.stored.next_id + len(added),
         )
+
+
+def _compare(frame_id: str, known: str) -> None:
+    if known and frame_id and known != frame_id:
+        raise InputError(f"landmarks are in frame {frame_id}; the map is in {known}", "frame")

@@ -230,6 +230,15 @@ def test_normalised_errors_of_right_covariances_are_one():
     assert normalised(kind, found, covariance).mean() == pytest.approx(1.0, abs=0.05)
 
 
+def test_what_is_known_without_error_may_stay_where_it_is():
+    kind, covariance = np.array([2, 2], np.uint8), np.zeros((2, 6, 6))
+    covariance[1, :3, :3] = np.eye(3)
+    motion = np.array([[0.0] * 6, [1.0] * 3 + [0.0] * 3])
+    assert normalised(kind, motion, covariance).tolist() == [0.0, 1.0]
+    covariance[1, :3, :3] = 1.0  # known across, without error, and free along (1, 1, 1)
+    assert normalised(kind, motion, covariance)[1] == pytest.approx(1.0 / 3.0)
+
+
 # --- that it stays
 
 

@@ -5,13 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import worlds
 
 from ellipseg_ros.association import associate
+from ellipseg_ros.config import MapConfig
 from ellipseg_ros.core import candidates
+from ellipseg_ros.data import SECOND, Kind
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io import landmark_messages
 from ellipseg_ros.io.landmark_messages import read_landmarks
-from ellipseg_ros.landmark_map import check
+from ellipseg_ros.landmark_map import LandmarkMap, check, no_landmarks
 from ellipseg_ros.mirror import SegmentMirror
 from ellipseg_ros.reliability import odd_landmarks
 from ellipseg_ros.reliability.odd_landmarks import recognize, reflect
@@ -22,10 +25,28 @@ def good():
     return read_landmarks(odd_landmarks.odd_landmarks(0, 0))
 
 
-def test_odd_landmarks_are_associated_or_refused_in_a_short_line():
-    tally = recognize(1, 60)
+@pytest.mark.parametrize("seed", [1, 2])  # the first world of 2 is vast
+def test_odd_landmarks_are_associated_or_refused_in_a_short_line(seed):
+    tally = recognize(seed, 60)
     assert not tally.faults
     assert tally.updates > 15 and len(tally.rejected) >= 3
+
+
+def test_far_and_vague_landmarks_are_associated():
+    """The prior is lost to rounding beside what a landmark says 1e8 m away from the others."""
+    places = [[-1e8, 1e8, 1e8], [1e8, 1e8, -1e8]]
+    covariance = np.diag([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * np.array([[[1e-7]], [[1e10]]])
+    far = worlds.landmarks(
+        [Kind.BLOB] * 2, places, np.tile(np.eye(3), (2, 1, 1)), np.ones((2, 3)), covariance
+    )
+    stored = LandmarkMap(MapConfig())
+    for number, live in enumerate((far, no_landmarks(), far)):
+        stored.update(live, (100, 101, 200)[number] * SECOND, "odom", number)
+    known = stored.known().landmarks
+    assert len(known) == 2
+    found = associate(known, far)
+    variances = np.linalg.eigvalsh(found.covariance)
+    assert variances.min() >= 0.0 and variances.max() < 20.0  # the bounds say so, at the least
 
 
 def test_a_mirror_in_step_holds_all_points():
@@ -57,6 +78,7 @@ def altered(column, value, place):
         ("low", 5.0, (1, 2), "low above high"),
         ("sigma", -1.0, (0, 1), "below 0"),
         ("covariance", 1e30, (0, 0, 0), "beyond"),
+        ("covariance", 1e13, (0, 0, 0), "beyond"),
         ("covariance", 1.0, (2, 0, 1), "not symmetric"),
         ("covariance", -1.0, (2, 0, 0), "below 0"),
     ],

@@ -66,7 +66,7 @@ class Hypothesis:
         """(6, 6) of the transform; larger if the pairs lie farther apart than theirs say."""
         degrees = 3 * len(self.pairs) - 6
         excess = self.fit.square / degrees if degrees > 0 else 1.0
-        return np.linalg.inv(self.fit.information) * max(1.0, excess)
+        return self.fit.covariance * max(1.0, excess)
 
 
 def pose(earlier: Things, later: Things, bounds: Bounds) -> Problem:
@@ -137,7 +137,7 @@ def _test(problem: Problem, clique: Array) -> Hypothesis | None:
     chosen, start = clique, np.eye(4)
     for _ in range(ROUNDS):
         fitted = fit(both, centre, pairs, chosen, problem.prior, start)
-        if _beyond(fitted, problem.bounds):
+        if fitted is None or _beyond(fitted, problem.bounds):
             return None
         start = fitted.transform
         matched = matches(both, centre, pairs, fitted, problem.bounds.gap)
@@ -145,7 +145,7 @@ def _test(problem: Problem, clique: Array) -> Hypothesis | None:
         before, chosen = chosen, np.sort(matched.candidate[matched.right & (gain > 0.0)])
         if np.array_equal(before, chosen):
             break
-    if not len(chosen):
+    if fitted is None or not len(chosen):
         return None
     matched = matched._replace(right=matched.right & (gain > 0.0))
     return Hypothesis(fitted, matched, gain, _evidence(problem, fitted, gain[matched.right]))
@@ -153,7 +153,7 @@ def _test(problem: Problem, clique: Array) -> Hypothesis | None:
 
 def _beyond(fitted: Fit, bounds: Bounds) -> bool:
     """Whether a transform is out of bounds for sure: what is hardly determined may be anything."""
-    variance = np.diagonal(np.linalg.inv(fitted.information))
+    variance = np.diagonal(fitted.covariance)
     for part, bound in ((slice(0, 3), bounds.translation), (slice(3, 6), bounds.rotation)):
         doubt = 2.0 * math.sqrt(variance[part].sum())
         if np.linalg.norm(fitted.motion[part]) > MARGIN * bound + doubt:
@@ -167,7 +167,7 @@ def _evidence(problem: Problem, fitted: Fit, gain: Array) -> float:
     The second term is what a transform costs that was free to fit (Occam's factor; MacKay,
     Bayesian Interpolation, 1992).
     """
-    free = np.log(problem.prior).sum() - np.linalg.slogdet(fitted.information)[1]
+    free = np.log(problem.prior).sum() - fitted.log_determinant
     motion = (problem.prior * fitted.motion**2).sum()
     return float(gain.sum() + 0.5 * (free - motion) - _price(hopeful(problem), len(gain)))
 

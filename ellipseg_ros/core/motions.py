@@ -4,6 +4,9 @@ import numpy as np
 
 from ellipseg_ros.data import DETERMINED, Array, Kind
 
+LEAST = 1e-18  # m^2, rad^2: nothing is measured better
+ROUNDING = 1e-12  # of a covariance, by its trace
+
 
 def motions(kind: Array, before: tuple[Array, Array], now: tuple[Array, Array]) -> Array:
     """Motions (l, 6) that bring landmarks from where they were to where they are; see DETERMINED.
@@ -33,13 +36,22 @@ def motions(kind: Array, before: tuple[Array, Array], now: tuple[Array, Array]) 
 def normalised(kind: Array, motion: Array, covariance: Array) -> Array:
     """Squared Mahalanobis lengths (l,) of motions (l, 6), by the number of those determined.
 
-    Its mean is 1 if the covariances (l, 6, 6) are right.
+    Its mean is 1 if the covariances (l, 6, 6) are right. A singular one counts as a little larger.
     """
     found = np.zeros(len(kind))
     for which, motions_of in DETERMINED.items():
         rows, wanted = np.flatnonzero(kind == which), list(motions_of)
         part = motion[np.ix_(rows, wanted)]
         inner = covariance[np.ix_(rows, wanted, wanted)]
+        _widen(inner)
         solved = np.linalg.solve(inner, part[:, :, None])[:, :, 0] if len(rows) else part
         found[rows] = np.sum(part * solved, axis=1) / len(wanted)
     return found
+
+
+def _widen(covariance: Array) -> None:
+    """Add a little to those (l, d, d) that have no inverse; leave the others as they are."""
+    singular = np.linalg.det(covariance) == 0.0
+    size = np.trace(covariance[singular], axis1=1, axis2=2)
+    more = LEAST + ROUNDING * size
+    covariance[singular] += more[:, None, None] * np.eye(covariance.shape[1])

@@ -57,7 +57,7 @@ def things(landmarks: Landmarks, order: Array, noise: float, angle_noise: float)
     floor = np.repeat([noise * noise, angle_noise * angle_noise], 3) / 2.0  # half from each
     determined = np.array([[k in DETERMINED[Kind(row)] for k in range(6)] for row in range(3)])
     covariance = covariance + (determined[kind] * floor)[:, :, None] * np.eye(6)
-    spread = CERTAIN * np.sqrt(np.einsum("nii->ni", covariance))
+    spread = CERTAIN * np.sqrt(np.maximum(0.0, np.einsum("nii->ni", covariance)))
     half = (high - low) / 2.0
     angle = np.hypot(np.hypot(spread[:, 3], spread[:, 4]), spread[:, 5])
     radius = np.sqrt((half**2).sum(axis=1))

@@ -13,6 +13,7 @@ from ellipseg_ros.data import Array
 
 STEPS = 10  # of Gauss and Newton, at most; 3 or 4 do
 SMALL = 1e-6  # m and rad: no other step comes after one below it
+MOST = 1e30  # of information: more is none, but rounding, as the noise of a pair has a floor
 LIMITS = np.array([16.27, 18.47, 16.27])  # by kind: 99.9 % of chi^2 with 3, 4, 3 degrees
 
 
@@ -21,6 +22,8 @@ class Fit(NamedTuple):
 
     transform: Array  # (4, 4) earlier <- later
     information: Array  # (6, 6): translation, rotation; left perturbation at the moved centre
+    covariance: Array  # (6, 6): its inverse
+    log_determinant: float  # of the information
     motion: Array  # (6,) m, rad: of the centre, and about it, from the identity
     square: float  # sum of squares over the pairs, without the prior
 
@@ -38,15 +41,41 @@ class Matches(NamedTuple):
 def fit(
     both: tuple[Things, Things], centre: Array, pairs: Candidates, chosen: Array, prior: Array,
     start: Array,
-) -> Fit:  # fmt: skip
+) -> Fit | None:  # fmt: skip
     """Weighted least squares on SE(3) over the chosen pairs: Gauss-Newton, from a start (4, 4).
 
-    prior (6,): information that the motion of the centre, and about it, is none.
+    prior (6,): information that the motion of the centre, and about it, is none. None if rounding
+    leaves no number to tell, which only absurd covariances of the pairs bring about.
     """
     transform, information, motion = start.copy(), np.zeros((6, 6)), np.zeros(6)
     out = (transform, information, motion)
     square = _fit(*both, centre, pairs, chosen, prior, out, scratch())
-    return Fit(transform, information, motion, square)
+    bounded = (np.abs(information) < MOST).all()
+    if not (bounded and np.isfinite(motion).all() and math.isfinite(square)):
+        return None
+    covariance, log_determinant = _inverse(information, prior)
+    return Fit(transform, information, covariance, log_determinant, motion, square)
+
+
+def _inverse(information: Array, prior: Array) -> tuple[Array, float]:
+    """The covariance, and the logarithm of the information's determinant.
+
+    The information is the prior's and more. Where that is lost to rounding, beside what other
+    directions have, the prior's is put in its place.
+    """
+    try:
+        covariance = np.linalg.inv(information)
+    except np.linalg.LinAlgError:
+        covariance = np.full((6, 6), np.nan)
+    if (np.diagonal(covariance) >= 0.0).all():
+        sign, log_determinant = np.linalg.slogdet(information)
+        if sign > 0.0:
+            return covariance, float(log_determinant)
+    scale = 1.0 / np.sqrt(prior)
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    values = np.maximum(values, 1.0)
+    half = scale[:, None] * vectors / np.sqrt(values)
+    return half @ half.T, float(np.log(values).sum() + np.log(prior).sum())
 
 
 @kernel
@@ -126,11 +155,10 @@ def matches(
     both: tuple[Things, Things], centre: Array, pairs: Candidates, found: Fit, gap: float
 ) -> Matches:
     """All candidates that agree with a transform, given its uncertainty."""
-    uncertainty = np.linalg.inv(found.information)
     place = centre + found.motion[:3]
     size = len(pairs.earlier)
     candidate, values = np.empty(size, np.int64), np.empty((size, 3))
-    given = (found.transform, place, uncertainty, gap)
+    given = (found.transform, place, found.covariance, gap)
     earlier, later = both
     count = _match(earlier, later, centre, pairs, given, (candidate, values), scratch())
     order = np.argsort(-values[:count, 1], kind="stable")
@@ -170,7 +198,7 @@ def _match(earlier, later, centre, pairs, given, out, found):
                 values[count, 1] = -0.5 * (square + log_determinant + unit)
                 square, log_determinant = spread(found, rows, certain)
                 values[count, 2] = -0.5 * (square + log_determinant + unit)
-                count += 1
+                count += math.isfinite(values[count, 2])  # else its noise is lost to rounding
     return count
 
 

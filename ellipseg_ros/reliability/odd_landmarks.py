@@ -22,6 +22,7 @@ from ellipseg_ros.reliability.conversion import LONGEST, Tally
 ODD = (np.nan, np.inf, -np.inf, 5e-324, -1.0, 0.0, 1e-300, 1e9, 1e30, 1e300, -1e300)
 NUMBERS = (0, 1, 2, 3, 2**31, 2**32 - 1)
 FRESH = 50  # messages of one map, or of one mirror
+VAST = 5e6  # by which some worlds are larger: nearly as far as is refused
 
 
 def recognize(seed: int, cases: int) -> Tally:
@@ -64,7 +65,8 @@ def _try(tally: Tally, case: int, do: Callable[[], None]) -> None:
 
 def _recognize(stored: LandmarkMap, message: Any, tally: Tally) -> None:
     live = read_landmarks(message)
-    stored.update(live, read_stamp(message.header.stamp), message.header.frame_id)
+    stamp_ns, frame_id = read_stamp(message.header.stamp), message.header.frame_id
+    stored.update(live, stamp_ns, frame_id, message.sequence)
     found = associate(stored.known().landmarks, live, AssociationConfig())
     tally.updates += 1
     for name in ("probability", "distance", "T_earlier_later", "covariance", "centre", "unknown"):
@@ -83,17 +85,24 @@ def _reflect(mirror: SegmentMirror, message: Any, tally: Tally) -> None:
 
 
 def odd_landmarks(seed: int, case: int) -> Any:
-    """A LandmarkArray: mostly of things in a world that stays, some with nonsense in them."""
+    """A LandmarkArray: mostly of things in a world that stays, some with nonsense in them.
+
+    Some worlds are vast, and hardly anything is known of most that is in them.
+    """
     rng = np.random.default_rng([seed, case])
     world = np.random.default_rng([seed, case // FRESH])
-    size = 20
-    position = world.uniform(-20.0, 20.0, (size, 3)) + rng.normal(0.0, 0.01, (size, 3))
+    vast = world.random() < 0.5
+    size = int(world.integers(2, 6)) if vast else 20
+    position = world.uniform(-20.0, 20.0, (size, 3)) * (VAST if vast else 1.0)
+    position += rng.normal(0.0, 0.01, (size, 3))
     if case % 5 == 4:
         position += 100.0  # all of before has gone
     turns = world.normal(size=(size, 4))
     turns /= np.linalg.norm(turns, axis=1)[:, None]
     kinds = world.integers(0, 3, size)
     rows = [_landmark(k, kinds[k], position[k], turns[k], case) for k in range(size)]
+    for row in rows if vast else ():
+        row.covariance = _any_covariance(world)
     for row in rows if rng.random() < 0.5 else ():
         if rng.random() < 0.1:
             _spoil(row, rng)
@@ -105,7 +114,10 @@ def odd_landmarks(seed: int, case: int) -> Any:
     stamp.nanosec = 0
     frame = "odom" if rng.random() < 0.95 else "map"
     return SimpleNamespace(
-        header=SimpleNamespace(stamp=stamp, frame_id=frame), landmarks=rows, removed=[]
+        header=SimpleNamespace(stamp=stamp, frame_id=frame),
+        sequence=int(case if rng.random() < 0.95 else rng.integers(0, 2**32)),
+        landmarks=rows,
+        removed=[],
     )
 
 
@@ -132,6 +144,14 @@ def _landmark(k: int, kind: int, position: Array, turn: Array, case: int) -> Any
 
 def _vector(values: Array) -> Any:
     return SimpleNamespace(**dict(zip("xyz", values.tolist(), strict=True)))
+
+
+def _any_covariance(world: np.random.Generator) -> list[float]:
+    """Of all orders of magnitude that are let in."""
+    turn = np.linalg.qr(world.normal(size=(6, 6)))[0] if world.random() < 0.3 else np.eye(6)
+    variances = world.choice([0.0, 1e-300, 1e-20, 1e-6, 1.0, 1e10, 1e12], 6)
+    covariance = turn * variances @ turn.T
+    return np.ravel(0.5 * (covariance + covariance.T)).tolist()
 
 
 def _spoil(row: Any, rng: np.random.Generator) -> None:

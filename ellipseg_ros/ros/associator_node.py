@@ -93,7 +93,8 @@ class AssociatorNode:
         try:
             live = read_landmarks(msg)
             check_name("frame_id", msg.header.frame_id)
-            self._map.update(live, read_stamp(msg.header.stamp), msg.header.frame_id)
+            stamp_ns = read_stamp(msg.header.stamp)
+            self._map.update(live, stamp_ns, msg.header.frame_id, msg.sequence)
             known = self._map.known()
             found = associate(known.landmarks, live, self._config)
         except InputError as error:

@@ -28,8 +28,8 @@ def domain(session_ros_domain):
 
 
 def message(found, stamp, frame_id="odom"):
-    """A LandmarkArray; stamp in s."""
-    made = LandmarkArray()
+    """A LandmarkArray; stamp in s, and its number."""
+    made = LandmarkArray(sequence=stamp)
     made.header.frame_id = frame_id
     made.header.stamp.sec = stamp
     for row in range(len(found)):
@@ -135,6 +135,23 @@ def test_what_was_recognized_does_not_enter_twice(node):
     node.update(no_landmarks(), 121)
     total = node.update(no_landmarks(), 140).map_landmarks
     assert total == len(looks.earlier) + len(looks.later) - pairs
+
+
+def test_a_segmenter_that_restarts_has_other_landmarks(domain, tmp_path):
+    arguments = ["-p", "delay:=0.0", "-p", "min_age:=0.0", "-r", "__ns:=/restarted"]
+    with (
+        running("associator_node", arguments, tmp_path / "log"),
+        peer(domain, "/restarted") as me,
+    ):
+        found = Meeting(me)
+        first = scene(4).earlier
+        found.update(no_landmarks(), 5, frame_id="elsewhere")  # pins nothing
+        found.update(first, 10)
+        restarted = message(scene(5).earlier, 20)  # the ids are the same
+        restarted.sequence = 0
+        found.landmarks.send(restarted)
+        heard = found.associations.wait(lambda a: nanoseconds(a.header.stamp) == 20 * SECOND)
+        assert heard.map_landmarks == len(first)
 
 
 def test_saved_and_loaded_it_is_the_same(node):
