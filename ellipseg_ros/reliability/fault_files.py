@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from xml.etree import ElementTree  # of files that we wrote
 
 import yaml
 from PIL import Image
@@ -164,6 +165,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     ".npz": read_fields,
     ".ply": read_fields,
     ".png": _read_picture,
+    ".svg": ElementTree.parse,
     ".csv": _read_table,
     ".yaml": lambda path: yaml.safe_load(path.read_text("utf-8")),
     ".json": lambda path: json.loads(path.read_text("utf-8")),
