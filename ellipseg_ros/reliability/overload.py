@@ -273,8 +273,8 @@ def _recovery(cases: list[Case], load: Load) -> Promise:
     return Promise(
         "the node recovers within two windows",
         f"then {CALM:g} times the capacity; time until the median latency of {FEW} updates in a "
-        f"row is never more than {NORMAL:g} times that of the last window, at most {limit:g} s; and "
-        f"the latter, at most `update_period` ({period:g} s)",
+        f"row is never more than {NORMAL:g} times that of the last window, at most {limit:g} s; "
+        f"and the latter, at most `update_period` ({period:g} s)",
         _each(cases, texts),
         True,
         max(took) <= limit and max(usual) <= period,
