@@ -79,7 +79,7 @@ def _converted(tally: Tally, memory_mb: float) -> list[Promise]:
 def _landmarks(tally: Tally) -> Promise:
     return Promise(
         "Nonsense in landmarks is refused by the associator, and gives no nonsense",
-        f"{tally.cases:,} lists of 20, with numbers and lengths that cannot be",
+        f"{tally.cases:,} lists of 2 to 20, with numbers and lengths that cannot be",
         f"{tally.updates:,} associated, {tally.rejected.total():,} rejected for "
         f"{len(tally.rejected)} reasons, {len(tally.faults)} faults",
         not tally.faults and tally.updates > 0 and tally.rejected.total() > 0,

@@ -292,7 +292,7 @@ class Tunings:
         """Wait until it does nothing."""
         while self.tuner._busy:
             assert self.tuner.is_alive()
-            time.sleep(0.0005)
+            time.sleep(0.0005)  # it tells nobody that it rests
 
     def __enter__(self):
         self.tuner.start()
