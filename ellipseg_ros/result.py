@@ -13,12 +13,12 @@ from ellipseg_ros.core.ellipsoids import (
     V2,
     V3,
 )
-from ellipseg_ros.core.fits import chosen
-from ellipseg_ros.core.landmark_tracking import Followed
-from ellipseg_ros.core.landmarks import Found
-from ellipseg_ros.core.objects import Level
 from ellipseg_ros.core.tracking import Tracks
-from ellipseg_ros.data import Array, Ellipsoids, Landmarks, Objects, Ragged
+from ellipseg_ros.landmarks.finder import Found
+from ellipseg_ros.landmarks.fits import chosen
+from ellipseg_ros.landmarks.tracking import Followed
+from ellipseg_ros.objects.finder import Level
+from ellipseg_ros.records import Array, Ellipsoids, Landmarks, Objects, Ragged
 
 
 def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> Ellipsoids:

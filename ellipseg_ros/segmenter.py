@@ -8,6 +8,7 @@ import numpy as np
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.adjacency import boundaries
 from ellipseg_ros.core.criteria import bias
+from ellipseg_ros.core.edge_sorting import Edges, no_edges
 from ellipseg_ros.core.edges import Renewed, renumbered, update_edges
 from ellipseg_ros.core.ellipsoids import (
     COVARIANCE,
@@ -18,16 +19,15 @@ from ellipseg_ros.core.ellipsoids import (
     segment_moments,
     segment_times,
 )
-from ellipseg_ros.core.landmark_tracking import LandmarkTracker
-from ellipseg_ros.core.landmarks import find_landmarks
 from ellipseg_ros.core.merge import SLABBED, Merge, Merged
 from ellipseg_ros.core.neighbours import Change, Neighbours
-from ellipseg_ros.core.objects import find_objects
-from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import TAKES_PART, Window
-from ellipseg_ros.data import SECOND, Array, Boundaries, Landmarks, Objects, Segmentation, Sweep
-from ellipseg_ros.grouping import Before, and_then, why_restart
+from ellipseg_ros.landmarks.finder import find_landmarks
+from ellipseg_ros.landmarks.tracking import LandmarkTracker
+from ellipseg_ros.node.grouping import Before, and_then, why_restart
+from ellipseg_ros.objects.finder import find_objects
+from ellipseg_ros.records import SECOND, Array, Boundaries, Landmarks, Objects, Segmentation, Sweep
 from ellipseg_ros.result import ellipsoid_records, landmark_records, object_records
 
 SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom

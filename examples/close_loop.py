@@ -15,9 +15,9 @@ from functools import partial
 import gtsam
 import numpy as np
 
-from ellipseg_ros.association import associate, difference
-from ellipseg_ros.data import DETERMINED, Association, Kind, Landmarks
-from ellipseg_ros.landmark_map import join, no_landmarks, take
+from ellipseg_ros.association.associate import associate, difference
+from ellipseg_ros.association.landmark_map import join, no_landmarks, take
+from ellipseg_ros.records import DETERMINED, Association, Kind, Landmarks
 
 SIDE = 40.0  # m, of the block
 STEP = 2.0  # m between two poses

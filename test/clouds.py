@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ellipseg_ros.data import Sweep
+from ellipseg_ros.records import Sweep
 
 SECOND = 1_000_000_000
 

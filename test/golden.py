@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ellipseg_ros import simulator
-from ellipseg_ros.data import SECOND, Sweep
-from ellipseg_ros.reliability.sameness import CRITERIA, DURATION, digest, last_update
-from ellipseg_ros.reliability.sameness import SCENES as SIMULATED
+from ellipseg_ros.records import SECOND, Sweep
+from ellipseg_ros.simulation import simulator
+from studies.endurance.determinism import CRITERIA, DURATION, digest, last_update
+from studies.endurance.determinism import SCENES as SIMULATED
 
 FILE = Path(__file__).with_name("golden.json")
 REAL = {  # every so manieth point, up to a time in s

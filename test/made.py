@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.data import (
+from ellipseg_ros.records import (
     Ellipsoids,
     Hierarchy,
     Kind,

@@ -7,7 +7,7 @@ from threading import Event
 
 import numpy as np
 
-from ellipseg_ros.comparison.methods import Dial, Method
+from studies.partition.methods import Dial, Method
 
 
 def strips(points, settings):

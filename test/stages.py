@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import GraphConfig
+from ellipseg_ros.core.edge_sorting import Edges, no_edges
 from ellipseg_ros.core.edges import Renewed, update_edges
 from ellipseg_ros.core.ellipsoids import WIDTH, initial_ellipsoids
 from ellipseg_ros.core.neighbours import ISOLATED, Change, Neighbours
-from ellipseg_ros.core.sorting import Edges, no_edges
 
 NOBODY = np.zeros(0, np.int64)
 

@@ -6,9 +6,9 @@ import golden
 import pytest
 
 from ellipseg_ros.core import jit
-from ellipseg_ros.reliability import sameness
-from ellipseg_ros.reliability.promises import Trial
-from ellipseg_ros.reliability.sameness import CRITERIA, digest, in_pieces, last_update
+from studies.endurance import determinism as sameness
+from studies.endurance.determinism import CRITERIA, digest, in_pieces, last_update
+from studies.endurance.promises import Trial
 
 EXPECTED = json.loads(golden.FILE.read_text(encoding="utf-8"))
 # sin, cos and log differ between machines by an ulp: a merge here and there goes the other way.

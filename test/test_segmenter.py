@@ -8,11 +8,11 @@ import pytest
 from clouds import grid, stream, street
 from stages import graph_of
 
-from ellipseg_ros import simulator
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import ISOLATED, REJECTED, THINNED, State, Sweep
-from ellipseg_ros.grouping import updates
+from ellipseg_ros.node.grouping import updates
+from ellipseg_ros.records import ISOLATED, REJECTED, THINNED, State, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
+from ellipseg_ros.simulation import simulator
 
 CRITERIA = [("shape", 4.0), ("shape", 20.0), ("density", 0.5), ("parsimony", 5.0)]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.data import DETERMINED, Kind, Landmarks
-from ellipseg_ros.landmark_map import take
+from ellipseg_ros.association.landmark_map import take
+from ellipseg_ros.records import DETERMINED, Kind, Landmarks
 
 NOISE = {  # m or rad: of the determined motions, by kind
     Kind.PLANE: (0.02, 0.004, 0.004),

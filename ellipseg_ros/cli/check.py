@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.cli.conservation import NOBODY, Census, contradictions, pair_counts
+from ellipseg_ros.cli.point_accounting import NOBODY, Census, contradictions, pair_counts
 from ellipseg_ros.cli.report import Summary
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import Array, Segmentation, Sweep
 from ellipseg_ros.io.bag import read_messages
 from ellipseg_ros.io.messages import write_landmarks
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled
-from ellipseg_ros.io.stream import SegmentStream
-from ellipseg_ros.mirror import SegmentMirror
+from ellipseg_ros.io.segment_mirror import SegmentMirror
+from ellipseg_ros.io.segment_stream import SegmentStream
+from ellipseg_ros.records import Array, Segmentation, Sweep
 
 
 @dataclass(frozen=True)

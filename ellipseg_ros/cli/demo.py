@@ -26,13 +26,13 @@ from ellipseg_ros.cli.running import LOCAL, environment
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.data import SECOND, Sweep
-from ellipseg_ros.files import write_text
-from ellipseg_ros.grouping import Grouping
+from ellipseg_ros.io.atomic_files import write_text
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
+from ellipseg_ros.node.grouping import Grouping
+from ellipseg_ros.node.playback import ReplayOptions, ReplaySummary
+from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.parameters import as_yaml
-from ellipseg_ros.ros.playback import ReplayOptions, ReplaySummary
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import warm_up

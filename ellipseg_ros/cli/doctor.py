@@ -12,7 +12,7 @@ from ellipseg_ros.doctor import environment, graph, installation
 from ellipseg_ros.doctor.findings import ERROR, Finding, failed
 from ellipseg_ros.errors import EllipsegError
 
-LOAD = "import sys; from ellipseg_ros.ros.loading import main; sys.exit(main())"
+LOAD = "import sys; from ellipseg_ros.ros.import_check import main; sys.exit(main())"
 PATIENCE = 60.0  # s
 Findings = dict[str, list[Finding]]  # by section
 
@@ -51,7 +51,7 @@ def _load() -> tuple[str, str]:
 
 
 def _graph(args: Namespace, surroundings: environment.Environment) -> list[Finding]:
-    from ellipseg_ros.ros.observing import Observer  # only here: it needs what _load has tried
+    from ellipseg_ros.ros.graph_probe import Observer  # only here: it needs what _load has tried
 
     try:
         with Observer(args.topic, args.namespace) as observer:

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.farewell import Farewell
+from ellipseg_ros.node.shutdown import Farewell
 
 FAILED = 2  # exit code of every error that is not a bug; argparse uses it too
 INTERRUPTED = 128 + signal.SIGINT

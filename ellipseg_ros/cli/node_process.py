@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.measuring.memory import held_mb, peak_mb
+from ellipseg_ros.node.memory import held_mb, peak_mb
 
 START = """
 import ctypes, signal, sys

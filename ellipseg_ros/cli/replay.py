@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from ellipseg_ros.cli.report import progress, say
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from tqdm import tqdm  # the usual one: small, and it knows terminals
 
 from ellipseg_ros.cli.settings import Settings
-from ellipseg_ros.data import SECOND, Segmentation, Sweep
-from ellipseg_ros.files import write_text
+from ellipseg_ros.io.atomic_files import write_text
+from ellipseg_ros.records import SECOND, Segmentation, Sweep
 
 Summary = dict[str, Any]  # nested, JSON-ready; names carry the unit
 Progress: TypeAlias = "tqdm[Any]"

@@ -5,9 +5,9 @@ from argparse import Namespace
 from pathlib import Path
 
 from ellipseg_ros.cli.report import Summary, say, write
-from ellipseg_ros.data import Segmentation
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.io.cloud import write_npz, write_ply
+from ellipseg_ros.io.formats.cloud import write_npz, write_ply
+from ellipseg_ros.records import Segmentation
 
 BAG = "bag"
 SUMMARY = "summary.json"
@@ -68,7 +68,7 @@ def _ours(name: str, names: tuple[str, ...]) -> bool:
 
 def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:
     """Points and ellipsoids, from above and obliquely; segments, objects and truth."""
-    from ellipseg_ros import plots  # matplotlib takes long to load, hence only if wanted
+    from ellipseg_ros.plots import window as plots
 
     say("drawing ...", args)
     for view, suffix in ((plots.BIRDSEYE, ""), (plots.OBLIQUE, "_oblique")):

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ellipseg_ros.cli.domains import claimed_domain
-from ellipseg_ros.cli.listening import Listening
 from ellipseg_ros.cli.node_process import NodeProcess
+from studies.endurance.listener_process import Listening
 
 LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 START = 180.0  # s: imports, and the first compilation of all kernels

@@ -10,12 +10,12 @@ from ellipseg_ros.cli.results import BAG, finish, prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import Segmentation, Sweep
-from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
+from ellipseg_ros.node.grouping import updates
+from ellipseg_ros.node.stamps import Stamps
+from ellipseg_ros.records import Segmentation, Sweep
 from ellipseg_ros.segmenter import Segmenter, warm_up
-from ellipseg_ros.stamps import Stamps
 
 
 def run(args: Namespace) -> int:

@@ -4,7 +4,7 @@ from argparse import Namespace
 
 from ellipseg_ros.cli.report import say
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.frames import looks_like_a_sensor, warning
+from ellipseg_ros.io.frames import looks_like_a_sensor, warning
 from ellipseg_ros.io.sources import SIMULATED, Source, open_source
 
 SCENE_OPTIONS = ("seed", "duration", "speed", "noise_seed", "start", "aside", "backwards")

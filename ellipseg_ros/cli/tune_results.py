@@ -14,7 +14,7 @@ import yaml
 from ellipseg_ros.cli.report import Summary, say, write
 from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.config import CRITERIA, flatten
-from ellipseg_ros.files import replacing, write_text
+from ellipseg_ros.io.atomic_files import replacing, write_text
 from ellipseg_ros.tuning.choice import Choice, choose
 from ellipseg_ros.tuning.curve import COLUMNS, curve_from
 from ellipseg_ros.tuning.tasks import Curves, as_json, in_force
@@ -122,7 +122,7 @@ def finish(folder: Path, tuning: Tuning, args: Namespace) -> None:
     for name, choice in tuning.choices().items():
         write_text(folder / PARAMETERS[name], parameters(tuning, choice))
     if not args.no_pictures:
-        from ellipseg_ros import charts  # matplotlib takes long to load, hence only if wanted
+        from ellipseg_ros.plots import tuning as charts
 
         say("drawing ...", args)
         for name, choice in tuning.choices().items():

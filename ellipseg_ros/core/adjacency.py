@@ -4,7 +4,7 @@ import numpy as np
 
 from ellipseg_ros.core.edges import lists
 from ellipseg_ros.core.jit import for_parts, kernel
-from ellipseg_ros.data import Array, Boundaries
+from ellipseg_ros.records import Array, Boundaries
 
 PARTS = 8  # of the rows, between the threads
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 
 SPARE = 2.0  # rows made per row needed
 

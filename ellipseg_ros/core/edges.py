@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ellipseg_ros.core.edge_sorting import EDGE, Edges, Pieces, no_edges, sorted_edges
 from ellipseg_ros.core.ellipsoids import MEAN, PLANARITY, V3
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.neighbours import Change
-from ellipseg_ros.core.sorting import EDGE, Edges, Pieces, no_edges, sorted_edges
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 
 PARTS = 8  # of the rows or of the edges, between the threads
 STAYS, DIRTY = 1, 2  # status of a row: a member before and now with the same neighbours, or not

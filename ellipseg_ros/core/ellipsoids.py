@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from ellipseg_ros.core.eigen import eigen
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.data import Array
+from ellipseg_ros.core.linalg.eigen import eigen
+from ellipseg_ros.records import Array
 
 # A node is a row of 24 float64 (three cache lines): what the merging needs to know of a segment.
 # What an edge and the first term of the shape distance ask for stands first.

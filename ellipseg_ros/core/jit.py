@@ -11,11 +11,14 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from numba import config, njit
 
 from ellipseg_ros.core.kernel_cache import cached
+
+KERNEL_FOLDERS = ("core", "objects", "landmarks", "association")  # kernels call one another's
 
 
 def _cache_folder() -> str:
@@ -26,12 +29,11 @@ def _cache_folder() -> str:
     """
     if config.CACHE_DIR:
         return config.CACHE_DIR
-    here = os.path.dirname(os.path.abspath(__file__))
+    package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha1(usedforsecurity=False)
-    for name in sorted(os.listdir(here)):
-        if name.endswith(".py"):
-            with open(os.path.join(here, name), "rb") as source:
-                digest.update(source.read())
+    for folder in KERNEL_FOLDERS:
+        for source in sorted((package / folder).rglob("*.py")):
+            digest.update(source.read_bytes())
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     return os.path.join(home, "ellipseg_ros", digest.hexdigest())
 

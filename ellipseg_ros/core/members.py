@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 
 
 class Members(NamedTuple):

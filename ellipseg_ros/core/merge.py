@@ -17,15 +17,15 @@ import numpy as np
 
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.core.criteria import density_distance, segment_aicc
+from ellipseg_ros.core.dendrogram import NONE, Forest, new_forest, release, renumbered_forest
 from ellipseg_ros.core.disjoint_set import find
+from ellipseg_ros.core.edge_sorting import Edges
 from ellipseg_ros.core.ellipsoids import MEAN
-from ellipseg_ros.core.events import Events, no_events, push
-from ellipseg_ros.core.forest import NONE, Forest, new_forest, release, renumbered_forest
 from ellipseg_ros.core.jit import THREADS, for_parts, for_rows, kernel
+from ellipseg_ros.core.kruskal import DENSITY, PARSIMONY, SHAPE, Rule, walk
 from ellipseg_ros.core.neighbours import Change
-from ellipseg_ros.core.sorting import Edges
-from ellipseg_ros.core.walk import DENSITY, PARSIMONY, SHAPE, Rule, walk
-from ellipseg_ros.data import Array
+from ellipseg_ros.core.wakeup_heap import Events, no_events, push
+from ellipseg_ros.records import Array
 
 SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
 MOST_SLABS = 8  # thinner ones have more edges across than within

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import GraphConfig
-from ellipseg_ros.core import kdtree
-from ellipseg_ros.core.affected import gaining, lacks, losing
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.search import Search, nearest
-from ellipseg_ros.data import Array
+from ellipseg_ros.core.knn import kdtree
+from ellipseg_ros.core.knn.invalidation import gaining, lacks, losing
+from ellipseg_ros.core.knn.search import Search, nearest
+from ellipseg_ros.records import Array
 
 DEAD, ISOLATED, MEMBER = range(3)  # status of a row; only members are vertices of the graph
 STALE = 0.25  # share of the points outside the main tree, or dead in it, at which it is built anew

@@ -7,7 +7,7 @@ import numpy as np
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.data import (
+from ellipseg_ros.records import (
     REJECTED,
     SECOND,
     THINNED,

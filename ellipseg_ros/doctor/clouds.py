@@ -5,10 +5,10 @@ from itertools import pairwise
 from statistics import median
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import SECOND
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
 from ellipseg_ros.doctor.seen import Cloud, Graph
-from ellipseg_ros.frames import looks_like_a_sensor
+from ellipseg_ros.io.frames import looks_like_a_sensor
+from ellipseg_ros.records import SECOND
 
 BENCHED = 50_000  # points/s: the most for which docs/benchmarks.md has updates in real time
 GAP = 3.0  # median intervals without a cloud that are worth a word

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
-from ellipseg_ros.measuring.packages import version_of
+from ellipseg_ros.doctor.packages import version_of
 
 NAME = "ellipseg_ros"
 OLDEST, NEWEST = (3, 10), (3, 13)  # Python

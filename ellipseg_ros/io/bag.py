@@ -21,12 +21,12 @@ from rosbags.typesys.store import Typestore
 
 import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import Segmentation, Sweep
 from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.io.bag_writer import BagWriter
 from ellipseg_ros.io.messages import Markers, write_landmarks
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
-from ellipseg_ros.io.stream import SegmentStream
+from ellipseg_ros.io.segment_stream import SegmentStream
+from ellipseg_ros.records import Segmentation, Sweep
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TYPES = {

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import SECOND, Array, Ragged
+from ellipseg_ros.records import SECOND, Array, Ragged
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # the header
 NUMBER_SIZES = {"?": 1, "B": 1, "i": 4, "I": 4, "d": 8}

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import Array, Landmarks
+from ellipseg_ros.association.landmark_map import check
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.limits import nanoseconds
-from ellipseg_ros.landmark_map import check
+from ellipseg_ros.records import Array, Landmarks
 
 MOST = 5000  # landmarks of a message: a window has hundreds, and each is held against the map
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from ellipseg_ros.data import SECOND
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.records import SECOND
 
 LONGEST_NAME = 255  # characters: of a frame and of a field, which go into every marker and header
 LAST_STAMP = 2**31 - 10**5  # s: int32, less the points' own times and the longest window

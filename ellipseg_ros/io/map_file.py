@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import Array, Landmarks
+from ellipseg_ros.association.landmark_map import ROW_SHAPES, Stored
 from ellipseg_ros.errors import InputError, reason
-from ellipseg_ros.files import replacing
-from ellipseg_ros.io.claims import check_arrays
-from ellipseg_ros.landmark_map import ROW_SHAPES, Stored
+from ellipseg_ros.io.atomic_files import replacing
+from ellipseg_ros.io.formats.header_checks import check_arrays
+from ellipseg_ros.records import Array, Landmarks
 
 FORMAT = "ellipseg_ros landmark map"
 VERSION = 1

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.colours import id_colours, shape_colours
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import SECOND, Array, Landmarks, Objects, Ragged, Segmentation, State
 from ellipseg_ros.io.cdr import Cdr, sequences, texts
+from ellipseg_ros.io.colours import id_colours, shape_colours
+from ellipseg_ros.records import SECOND, Array, Landmarks, Objects, Ragged, Segmentation, State
 
 SPHERE = 2  # of visualization_msgs/Marker
 ADD, DELETE, DELETE_ALL = 0, 2, 3

@@ -8,12 +8,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ellipseg_ros.colours import id_colours
-from ellipseg_ros.data import WIDEST, Array, Segmentation, Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
+from ellipseg_ros.io.colours import id_colours
 from ellipseg_ros.io.limits import check_name, read_stamp
-from ellipseg_ros.io.times import OFFSET, time_offsets
+from ellipseg_ros.io.point_times import OFFSET, time_offsets
+from ellipseg_ros.records import WIDEST, Array, Segmentation, Sweep
 
 Layout: TypeAlias = np.dtype[Any]
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import SUFFIXES, BagSweeps, is_bag
-from ellipseg_ros.io.cloud import READERS, CloudSweeps
-from ellipseg_ros.simulator import SCENES, simulate
+from ellipseg_ros.io.formats.cloud import READERS, CloudSweeps
+from ellipseg_ros.records import Sweep
+from ellipseg_ros.simulation.simulator import SCENES, simulate
 
 SIMULATED = "sim:"
 SUPPORTED = (

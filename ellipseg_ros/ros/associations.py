@@ -4,11 +4,11 @@ from geometry_msgs.msg import Point, Quaternion, Transform, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.data import SECOND, Array, Landmarks
-from ellipseg_ros.data import Association as Found
+from ellipseg_ros.association.landmark_map import Stored
 from ellipseg_ros.io.messages import quaternions
-from ellipseg_ros.landmark_map import Stored
 from ellipseg_ros.msg import Association, LandmarkPair
+from ellipseg_ros.records import SECOND, Array, Landmarks
+from ellipseg_ros.records import Association as Found
 
 NAMESPACE = "association"
 WIDTH = 0.05  # m, of a line

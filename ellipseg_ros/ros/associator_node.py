@@ -12,17 +12,17 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from ellipseg_ros.association import associate, warm_up
+from ellipseg_ros.association.associate import associate, warm_up
+from ellipseg_ros.association.landmark_map import LandmarkMap
 from ellipseg_ros.config import AssociationConfig, AssociatorConfig, MapConfig, flatten
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.map_file import read_map, write_map
-from ellipseg_ros.landmark_map import LandmarkMap
 from ellipseg_ros.msg import Association as AssociationMessage
 from ellipseg_ros.msg import LandmarkArray
+from ellipseg_ros.node.associator_health import AssociatorHealth
 from ellipseg_ros.ros.associations import association_markers, association_message
-from ellipseg_ros.ros.associator_health import AssociatorHealth
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.limits import Pauses, Share, throttled
 from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, everything_goes, send

@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from ellipseg_ros.ros.health import Report
+from ellipseg_ros.node.health import Report
 
 
 def diagnostic_message(node: Node, subject: str, report: Report) -> DiagnosticArray:

@@ -7,9 +7,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from ellipseg_ros.data import SECOND
 from ellipseg_ros.msg import TuningCurve
-from ellipseg_ros.ros.health import Health
+from ellipseg_ros.node.health import Health
+from ellipseg_ros.records import SECOND
 from ellipseg_ros.ros.limits import throttled
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.ros.tuner import Tuned, Tuner

@@ -11,11 +11,11 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.data import Segmentation
 from ellipseg_ros.io.messages import Markers, write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
-from ellipseg_ros.io.stream import SegmentStream
+from ellipseg_ros.io.segment_stream import SegmentStream
 from ellipseg_ros.msg import LandmarkArray, SegmentArray
+from ellipseg_ros.records import Segmentation
 
 DEPTH = 10  # messages kept for a slow subscriber; all topics are reliable
 FAREWELL = Duration(seconds=0.2)  # that subscribers get to acknowledge the last message

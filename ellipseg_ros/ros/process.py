@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 import ellipseg_ros
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.farewell import Farewell
+from ellipseg_ros.node.shutdown import Farewell
 from ellipseg_ros.ros.limits import Pauses, throttled
 
 PACKAGE = Path(ellipseg_ros.__file__).parent

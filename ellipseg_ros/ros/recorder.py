@@ -7,11 +7,11 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.news import News
-from ellipseg_ros.ros.guest import Guest
-from ellipseg_ros.ros.hearing import header_time, hear, update_number
+from ellipseg_ros.node.abortable_condition import News
+from ellipseg_ros.records import Sweep
+from ellipseg_ros.ros.auxiliary_node import Guest
+from ellipseg_ros.ros.subscriptions import header_time, hear, update_number
 
 STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
 OPTIONAL = "landmarks"  # not published if they are not looked for

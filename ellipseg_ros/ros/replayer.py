@@ -15,15 +15,15 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
 from ellipseg_ros.config import Checked, setting
-from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.msg import SegmentArray
-from ellipseg_ros.ros.hearing import header_time
+from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
+from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.parameters import Parameters
-from ellipseg_ros.ros.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.ros.process import End, Spinner, run
+from ellipseg_ros.ros.subscriptions import header_time
 
 DEPTH = 1000  # clouds kept for a slow subscriber
 FAREWELL = Duration(seconds=1.0)  # that subscribers get to acknowledge the last clouds

@@ -11,23 +11,23 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from ellipseg_ros.config import Config, NodeConfig, flatten
-from ellipseg_ros.data import Sweep
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.frames import looks_like_a_sensor, warning
-from ellipseg_ros.grouping import Grouping
+from ellipseg_ros.io.frames import looks_like_a_sensor, warning
 from ellipseg_ros.io.pointcloud2 import read_sweep
-from ellipseg_ros.measuring.memory import give_back_large
-from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Update
+from ellipseg_ros.node.backlog import Backlog, ListAll, Reset, ShowAll, Update
+from ellipseg_ros.node.grouping import Grouping
+from ellipseg_ros.node.health import Health
+from ellipseg_ros.node.memory import give_back_large
+from ellipseg_ros.node.stamps import Stamps
+from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
-from ellipseg_ros.ros.health import Health
 from ellipseg_ros.ros.limits import Pauses, Quota, throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 from ellipseg_ros.ros.worker import Around, Worker
-from ellipseg_ros.stamps import Stamps
 
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
 BRIEF = 0.1  # s that the tuner gets: it ends at once, or is at a tuning that takes long

@@ -5,7 +5,7 @@ The nodes themselves are imported afterwards, which takes seconds.
 
 from importlib import import_module
 
-from ellipseg_ros.farewell import Farewell
+from ellipseg_ros.node.shutdown import Farewell
 
 
 def segmenter() -> int:

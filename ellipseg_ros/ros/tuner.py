@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.jit import alone
-from ellipseg_ros.data import ISOLATED, SECOND, Segmentation
+from ellipseg_ros.records import ISOLATED, SECOND, Segmentation
 from ellipseg_ros.ros.limits import Share
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.tuning.curve import Curve

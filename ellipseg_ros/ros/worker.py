@@ -9,8 +9,8 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.ros.backlog import Backlog, ListAll, Reset, ShowAll, Task, Update
-from ellipseg_ros.ros.health import Health
+from ellipseg_ros.node.backlog import Backlog, ListAll, Reset, ShowAll, Task, Update
+from ellipseg_ros.node.health import Health
 from ellipseg_ros.ros.limits import Quota, throttled
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.process import End

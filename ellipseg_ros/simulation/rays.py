@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 from ellipseg_ros.simulation.shapes import BOX, CONE, Shapes
 
 GROUND = -2  # in Returns.body

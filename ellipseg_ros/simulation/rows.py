@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 from ellipseg_ros.simulation import buildings, plants, things
 from ellipseg_ros.simulation.scanner import Path
 from ellipseg_ros.simulation.shapes import Class, Material, Model

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ellipseg_ros.data import Array, Sweep
+from ellipseg_ros.records import Array, Sweep
 from ellipseg_ros.simulation.scanner import HEIGHT
 
 NOISE = 0.015  # m, along the beam

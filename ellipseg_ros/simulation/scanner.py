@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 from ellipseg_ros.simulation import rays
 from ellipseg_ros.simulation.rays import Lines, Terrain
 from ellipseg_ros.simulation.shapes import Frame, turned

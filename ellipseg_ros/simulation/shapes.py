@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 
 BOX, CONE, ELLIPSOID = 0, 1, 2
 

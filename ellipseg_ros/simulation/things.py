@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 from ellipseg_ros.simulation.shapes import Class, Frame, Material, Model
 
 METAL = Material(Class.POLE, 0.45)

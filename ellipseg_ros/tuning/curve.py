@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.data import Array
+from ellipseg_ros.records import Array
 
 SMALLEST = 1e-300  # in place of a threshold of 0, which has no logarithm
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.criteria import bias
+from ellipseg_ros.core.edge_sorting import Edges, no_edges
 from ellipseg_ros.core.edges import Renewed, update_edges
 from ellipseg_ros.core.ellipsoids import COUNT, initial_ellipsoids, neighbour_masses
 from ellipseg_ros.core.jit import alone, for_parts, helpers
 from ellipseg_ros.core.merge import Merge, aicc_of
 from ellipseg_ros.core.neighbours import Change, Neighbours
-from ellipseg_ros.core.sorting import Edges, no_edges
 from ellipseg_ros.core.window import Window
-from ellipseg_ros.data import Array, Sweep
+from ellipseg_ros.records import Array, Sweep
 from ellipseg_ros.tuning.curve import Curve
 
 CHUNK = 3  # thresholds that a thread takes at a time, so that it steps down by little

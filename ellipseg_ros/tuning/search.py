@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ellipseg_ros.config import Checked, Config, setting
-from ellipseg_ros.data import Array
 from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.records import Array
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.graph import Graph, graph_of, sweep
 

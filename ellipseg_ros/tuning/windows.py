@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.window import TAKES_PART, Window
-from ellipseg_ros.data import SECOND, Array, Sweep
-from ellipseg_ros.grouping import updates
+from ellipseg_ros.node.grouping import updates
+from ellipseg_ros.records import SECOND, Array, Sweep
 
 LEAST = 0.5  # of a step: a rest at the end that is shorter is no window of its own
 

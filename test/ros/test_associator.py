@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 import worlds
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import SECOND, nanoseconds, peer, running
+from node_kit import SECOND, nanoseconds, peer, running
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.association import associate
-from ellipseg_ros.data import Verdict
+from ellipseg_ros.association.associate import associate
+from ellipseg_ros.association.landmark_map import Stored, no_landmarks, take
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.map_file import read_map, write_map
-from ellipseg_ros.landmark_map import Stored, no_landmarks, take
 from ellipseg_ros.msg import Association, Landmark, LandmarkArray
+from ellipseg_ros.records import Verdict
 
 NODE = "/ellipseg_associator"
 

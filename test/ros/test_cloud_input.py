@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 import rclpy
-from harness import Inbox, peer, wall
+from node_kit import Inbox, peer, wall
 from rclpy.context import Context
 from rclpy.logging import get_logger
 from rclpy.node import Node

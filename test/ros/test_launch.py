@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from ellipseg_ros.config import Config, NodeConfig, flatten
-from ellipseg_ros.ros.playback import ReplayOptions
+from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Place
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,15 +16,15 @@ import pytest
 import rclpy
 from clouds import street
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import SECOND, nanoseconds, peer, running
+from node_kit import SECOND, nanoseconds, peer, running
 from rclpy.logging import LoggingSeverity
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.data import Sweep
 from ellipseg_ros.msg import SegmentArray, TuningCurve
+from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros import limits, tuner
 from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.segmenter_node import SegmenterNode

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import LIMIT, SECOND, nanoseconds, peer, running, wall
+from node_kit import LIMIT, SECOND, nanoseconds, peer, running, wall
 from rcl_interfaces.msg import ParameterType
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -22,15 +22,15 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.config import Config, NodeConfig, walk
-from ellipseg_ros.grouping import updates
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
 from ellipseg_ros.ros.segmenter_node import SegmenterNode
 from ellipseg_ros.segmenter import Segmenter
-from ellipseg_ros.simulator import simulate
+from ellipseg_ros.simulation.simulator import simulate
 
 NODE = "/ellipseg_segmenter"
 STOP_WITHIN = 10.0  # s; it takes less than one on an idle machine

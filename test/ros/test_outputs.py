@@ -7,10 +7,10 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.data import SECOND, Sweep
 from ellipseg_ros.io.messages import write_segments
-from ellipseg_ros.mirror import SegmentMirror
+from ellipseg_ros.io.segment_mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.segmenter import Segmenter
 

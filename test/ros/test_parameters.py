@@ -7,7 +7,7 @@ import pytest
 import rclpy
 import yaml
 from builtin_interfaces.msg import Time
-from harness import peer, running
+from node_kit import peer, running
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters

@@ -7,9 +7,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
-from harness import LIMIT, peer, running
+from node_kit import LIMIT, peer, running
 
-from ellipseg_ros.ros.observing import Observer
+from ellipseg_ros.ros.graph_probe import Observer
 
 POLICY = Path(__file__).parents[2] / "config" / "sros2" / "ellipseg.policy.xml"
 NODES = {

@@ -3,7 +3,7 @@
 from threading import Condition
 
 import pytest
-from harness import SECOND, peer
+from node_kit import SECOND, peer
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header

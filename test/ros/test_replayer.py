@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from harness import nanoseconds, peer, running, wall
+from node_kit import nanoseconds, peer, running, wall
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -12,7 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
-from ellipseg_ros.simulator import simulate
+from ellipseg_ros.simulation.simulator import simulate
 
 STOP_WITHIN = 10.0  # s
 

@@ -7,17 +7,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import SECOND, peer, running
+from node_kit import SECOND, peer, running
 from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.cli.check import equal
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.msg import SegmentArray
-from ellipseg_ros.reliability import times
-from ellipseg_ros.reliability.times import CONFIG, YEAR
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
-from ellipseg_ros.simulator import simulate
+from ellipseg_ros.simulation.simulator import simulate
+from studies.endurance import times
+from studies.endurance.times import CONFIG, YEAR
 
 
 def restamped(sweeps, first, every=0.1):

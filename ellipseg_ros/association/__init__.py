@@ -1,0 +1,1 @@
+"""Data association of landmarks, and the map that they are kept in."""

@@ -1,0 +1,175 @@
+"""The total order of edges, ascending by (weight, i, j): a radix sort with exact ties."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ellipseg_ros.core.jit import THREADS, for_parts, kernel
+from ellipseg_ros.records import Array
+
+DIGIT = 11  # bits a pass; three passes take the upper half of a positive float64
+BUCKETS = 1 << DIGIT
+SHARE = 100_000  # edges that a thread sorts at a time: their keys fit its cache
+SHORT = 24  # a run of equal keys up to this length is sorted by insertion
+
+
+class Edges(NamedTuple):
+    """Undirected edges i - j, i < j."""
+
+    weight: Array  # (m,) float64, m, at least 0
+    i: Array  # (m,) int32
+    j: Array  # (m,) int32
+
+
+def no_edges(size: int = 0) -> Edges:
+    """Room for so many edges."""
+    return Edges(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
+
+
+# An edge as it is made, in one place: sorting moves it once.
+EDGE = np.dtype([("weight", np.float64), ("i", np.int32), ("j", np.int32)])
+
+
+class Pieces(NamedTuple):
+    """Which rows of a list of edges are meant: `count` ones from `start` on, of every piece."""
+
+    start: Array  # (p,) int64
+    count: Array  # (p,) int64
+
+
+def sorted_edges(made: Array, pieces: Pieces) -> Edges:
+    """The edges of all pieces of `made` (EDGE) in ascending order of (weight, i, j).
+
+    They are dealt out to parts between two weights, which are sorted one by one: the result is one
+    total order, so the number of threads cannot change it.
+    """
+    size = int(pieces.count.sum())
+    weights = [made["weight"][a : a + n] for a, n in zip(*pieces, strict=True)]
+    sample = np.sort(np.concatenate([part[:: size // 1024 + 1] for part in weights]))
+    parts = THREADS * (size // (THREADS * SHARE) + 1) if size else 1
+    bounds = sample[np.arange(1, parts) * len(sample) // parts]
+    tally = np.zeros((len(weights), parts), np.int64)
+    calls = [(k, k + 1) for k in range(len(weights))]
+    for_parts(calls, _tally, bounds, made, pieces, tally)
+    ends = np.cumsum(tally.T).reshape(parts, -1).T  # by part, then by piece
+    keys, rows = np.empty(size, np.uint32), np.empty(size, np.int32)
+    for_parts(calls, _deal, bounds, made, pieces, ends - tally, keys, rows)
+    ascending = no_edges(size)
+    calls = [(end - n, end) for end, n in zip(ends[-1], tally.sum(axis=0), strict=True)]
+    for_parts(calls, _sort, keys, rows, made, ascending)
+    return ascending
+
+
+@kernel
+def _part(weight, bounds):
+    part = 0
+    for bound in bounds:
+        part += weight >= bound
+    return part
+
+
+@kernel
+def _tally(piece, _, bounds, made, pieces, tally):
+    """Count the edges of one piece by part."""
+    begin = pieces.start[piece]
+    for row in range(begin, begin + pieces.count[piece]):
+        tally[piece, _part(made[row]["weight"], bounds)] += 1
+
+
+@kernel
+def _deal(piece, _, bounds, made, pieces, places, keys, rows):
+    """Write the upper half of the weights of one piece, and their rows, part by part."""
+    begin = pieces.start[piece]
+    bits = made.view(np.uint64)  # two an edge
+    for row in range(begin, begin + pieces.count[piece]):
+        part = _part(made[row]["weight"], bounds)
+        place = places[piece, part]
+        places[piece, part] += 1
+        keys[place], rows[place] = bits[2 * row] >> 32, row
+
+
+@kernel
+def _sort(start, stop, all_keys, all_rows, made, ascending):
+    """Write the edges of one part in their order."""
+    keys, rows = all_keys[start:stop], all_rows[start:stop]
+    _radix(keys, rows)
+    first, count = 0, stop - start
+    for last in range(1, count + 1):
+        if last == count or keys[last] != keys[first]:
+            if 1 < last - first <= SHORT:
+                _insertion(rows, first, last, made)
+            elif last - first > SHORT:
+                _heap(rows[first:last], made)
+            first = last
+    weight, i, j = ascending
+    for k in range(count):
+        edge, place = made[rows[k]], start + k
+        weight[place], i[place], j[place] = edge["weight"], edge["i"], edge["j"]
+
+
+@kernel
+def _radix(keys, rows):
+    """Sort both by the keys, least digit first."""
+    tally = np.zeros((3, BUCKETS), np.int64)
+    for t in range(len(keys)):
+        for digit in range(3):
+            tally[digit, (keys[t] >> (digit * DIGIT)) & (BUCKETS - 1)] += 1
+    other_keys, other_rows = np.empty_like(keys), np.empty_like(rows)
+    for digit in range(3):
+        place = 0
+        for bucket in range(BUCKETS):
+            here = tally[digit, bucket]
+            tally[digit, bucket] = place
+            place += here
+        for t in range(len(keys)):
+            bucket = (keys[t] >> (digit * DIGIT)) & (BUCKETS - 1)
+            place = tally[digit, bucket]
+            tally[digit, bucket] = place + 1
+            other_keys[place], other_rows[place] = keys[t], rows[t]
+        keys[:], rows[:] = other_keys, other_rows
+
+
+@kernel
+def before(a, b, made):
+    """Whether row a comes before row b."""
+    if made[a]["weight"] != made[b]["weight"]:
+        return made[a]["weight"] < made[b]["weight"]
+    if made[a]["i"] != made[b]["i"]:
+        return made[a]["i"] < made[b]["i"]
+    return made[a]["j"] < made[b]["j"]
+
+
+@kernel
+def _insertion(rows, first, last, made):
+    for t in range(first + 1, last):
+        row = rows[t]
+        slot = t
+        while slot > first and before(row, rows[slot - 1], made):
+            rows[slot] = rows[slot - 1]
+            slot -= 1
+        rows[slot] = row
+
+
+@kernel
+def _heap(rows, made):
+    """Heap sort (Williams 1964): no worse on many equal keys, as duplicate points make."""
+    size = len(rows)
+    build = size // 2
+    while size > 1:
+        if build > 0:
+            build -= 1
+            parent = build
+        else:
+            size -= 1
+            rows[0], rows[size] = rows[size], rows[0]
+            parent = 0
+        row = rows[parent]
+        child = 2 * parent + 1
+        while child < size:
+            if child + 1 < size and before(rows[child], rows[child + 1], made):
+                child += 1
+            if not before(row, rows[child], made):
+                break
+            rows[parent] = rows[child]
+            parent, child = child, 2 * child + 1
+        rows[parent] = row

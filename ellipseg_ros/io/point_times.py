@@ -1,0 +1,61 @@
+"""The time of each point, from the field that lidar drivers put it in."""
+
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.records import SECOND, Array
+
+FARTHEST_NS = 10 * SECOND  # from the stamp; a field that says more is no time, or another clock's
+NEVER = -4 * 10**18  # ns: stands for NaN and for what int64 can't hold
+
+OFFSET = "offset_time"  # ns from the stamp, of any type: Livox, and what this package writes
+NAMES = (OFFSET, "t", "time", "timestamp", "time_stamp", "time_offset")
+
+
+def time_offsets(fields: Array, stamp_ns: int) -> Array:
+    """Nanoseconds from the stamp to every point: (n,) structured -> (n,) int64.
+
+    The first field with one of the NAMES counts. Its type says how it is meant, as with drivers:
+
+    - integers of 32 or 64 bits: ns from the stamp (Ouster `t`, Livox `offset_time`, Autoware
+      `time_stamp`), or else the time itself in ns;
+    - float32: s from the stamp (Velodyne `time`);
+    - float64: the time itself in s (Hesai, RoboSense `timestamp`) or in ns (Livox `timestamp`), or
+      else s from the stamp.
+
+    The first meaning that puts at least half of the points within 10 s of the stamp is taken.
+    Points whose own time is farther off or NaN have the time of the stamp, offset 0; so have all
+    if no meaning fits, or if there is no such field. No cloud is refused for its times.
+    """
+    layout = fields.dtype
+    name = next((n for n in NAMES if n in (layout.names or ()) and _is_time(layout[n])), "")
+    if name:
+        for offsets in _meanings(fields[name], stamp_ns, relative=name == OFFSET):
+            near = (-FARTHEST_NS <= offsets) & (offsets <= FARTHEST_NS)  # |-2^63| is -2^63
+            if 2 * np.count_nonzero(near) >= len(offsets):
+                return np.where(near, offsets, 0)
+    return np.zeros(len(fields), np.int64)
+
+
+def _is_time(kind: np.dtype[Any]) -> bool:
+    return kind.kind in "iuf" and kind.itemsize >= 4
+
+
+def _meanings(values: Array, stamp_ns: int, relative: bool) -> list[Array]:
+    """What the values may mean, the likeliest first: (n,) int64 each, ns from the stamp."""
+    if values.dtype.kind in "iu":
+        ns = values.astype(np.int64)
+        return [ns, ns - stamp_ns]
+    if relative:
+        return [_nanoseconds(values, 1.0)]
+    from_s = _nanoseconds(values, SECOND)
+    if values.dtype.itemsize == 4:
+        return [from_s]
+    return [from_s - stamp_ns, _nanoseconds(values, 1.0) - stamp_ns, from_s]
+
+
+def _nanoseconds(values: Array, unit: float) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        ns = np.rint(values.astype(np.float64) * unit)
+    return np.where(np.abs(ns) < -NEVER, ns, NEVER).astype(np.int64)

@@ -1,0 +1,1 @@
+"""Landmarks: planes, lines and blobs that can be observed again."""

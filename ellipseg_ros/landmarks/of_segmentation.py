@@ -1,0 +1,26 @@
+"""The landmarks of a segmentation that is there already."""
+
+import numpy as np
+
+from ellipseg_ros.config import LandmarksConfig
+from ellipseg_ros.core.ellipsoids import WIDTH, segment_moments
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.landmarks.finder import find_landmarks
+from ellipseg_ros.landmarks.tracking import LandmarkTracker
+from ellipseg_ros.records import Landmarks, Segmentation
+from ellipseg_ros.result import landmark_records
+
+
+def landmarks(found: Segmentation, config: LandmarksConfig | None = None) -> Landmarks:
+    """Choose the landmarks of a segmentation, whatever it was made with; ids from 1.
+
+    InputError if it does not know which segments touch.
+    """
+    if found.touching is None:
+        raise InputError("the segmentation has no `touching`; segment with objects or landmarks")
+    points = found.points - found.origin
+    count = len(found.ellipsoids)
+    own = segment_moments(points, found.labels, np.full(count, -1), np.zeros((0, WIDTH)))
+    chosen = find_landmarks(points, found.labels, own, found.touching, config or LandmarksConfig())
+    followed = LandmarkTracker().follow(found.arrival, chosen, found.end_ns)
+    return landmark_records(chosen, followed, found.labels, found.origin)

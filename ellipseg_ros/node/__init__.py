@@ -1,0 +1,1 @@
+"""What a node needs and ROS does not provide: grouping, backlog, health, pacing, shutdown."""

@@ -1,0 +1,130 @@
+"""Charts of a tuning: AICc, its terms and its loss, over the threshold."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ellipseg_ros.plots.style import legend, save, sheet, style, title
+from ellipseg_ros.plots.window import BACKGROUND, INK
+from ellipseg_ros.records import Array
+from ellipseg_ros.tuning.choice import Choice
+from ellipseg_ros.tuning.curve import Curve
+
+# Of Okabe & Ito (2008), who can be told apart with any colour vision.
+BLUE, ORANGE, GREEN, PURPLE, YELLOW = "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442"
+UNITS = {"shape": "", "density": " [m]", "parsimony": ""}
+SHOWN_LOSS = 0.5  # the top of the axis; singletons have 1
+
+
+def draw_tuning(curves: Sequence[Curve], choice: Choice, paths: Sequence[Path]) -> None:
+    """Three panels: the AICc with its terms, the AICc over merge completion, the loss.
+
+    curves: of the windows (at least one), all of one criterion. paths: of the same figure.
+    """
+    figure = sheet(19.0, 5.8)
+    panels = figure.subplots(1, 3)
+    for axes in panels:
+        style(axes)
+    terms(panels[0], curves, choice)
+    completion(panels[1], curves)
+    losses(panels[2], curves, choice)
+    for path in paths:
+        save(figure, path)
+
+
+def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
+    """AICc, variance and bias term of all windows together, over the threshold."""
+    points = max(1, sum(curve.points for curve in curves))
+    thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
+    thresholds = thresholds[thresholds > 0.0]
+    at = np.log(thresholds)
+    for name, colour, label in (
+        ("aicc", INK, "AICc"),
+        ("variance", BLUE, "variance term"),
+        ("bias", ORANGE, "bias term"),
+    ):
+        total = sum(np.interp(at, *_over_log(curve, getattr(curve, name))) for curve in curves)
+        axes.plot(thresholds, total / points, color=colour, linewidth=2, label=label)
+        if name == "aicc":
+            row = int(np.argmin(np.abs(thresholds - choice.threshold)))
+            mark(axes, choice.threshold, float(total[row]) / points, f"τ = {choice.threshold:.3g}")
+    axes.set_xscale("log")
+    over = "one window" if len(curves) == 1 else f"{len(curves)} windows together"
+    title(axes, f"AICc, criterion {choice.criterion}, {over}", _tau(choice), "AICc per point")
+    legend(axes)
+
+
+def completion(axes: Axes, curves: Sequence[Curve]) -> None:
+    """AICc over merge completion, a line a window, each with its minimum."""
+    for curve in curves:
+        points = max(1, curve.points)
+        axes.plot(100.0 * curve.completion, curve.aicc / points, color=BLUE, alpha=_faint(curves))
+    best = np.array([[c.completion[c.best], c.aicc[c.best] / max(1, c.points)] for c in curves])
+    axes.plot(100.0 * best[:, 0], best[:, 1], "o", color=YELLOW, label="minimum of a window")
+    if len(curves) == 1:
+        count = curves[0].count[curves[0].best]
+        text = f"{count:,} ellipsoids\n{best[0, 0]:.1%} merged"
+        mark(axes, 100.0 * best[0, 0], best[0, 1], text, (-100.0, 6.0))
+    text = "AICc over merge completion"
+    title(axes, text, "merge completion: merges per point [%]", "AICc per point")
+    legend(axes)
+
+
+def losses(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
+    """The loss over the threshold, a line a window, and their mean, near the minimum."""
+    thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
+    thresholds = thresholds[thresholds > 0.0]
+    every = np.array([curve.loss_at(thresholds) for curve in curves])
+    if len(curves) > 1:
+        lines = axes.plot(thresholds, every.T, color=BLUE, alpha=_faint(curves))
+        lines[0].set_label("a window")
+    mean = every.mean(axis=0)
+    axes.plot(
+        thresholds, mean, color=INK, linewidth=2, label="mean" if len(curves) > 1 else "loss"
+    )
+    axes.axvline(
+        choice.present, color=PURPLE, linestyle="--", label=f"set now: {choice.present:g}"
+    )
+    axes.axhline(0.05, color=GREEN, linestyle=":", label="loss 0.05")
+    mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
+    axes.set_xscale("log")
+    near = thresholds[mean <= SHOWN_LOSS]
+    axes.set_xlim(near[0] / 1.5, near[-1] * 1.5)
+    axes.set_ylim(-0.02, SHOWN_LOSS)
+    text = "Loss: (AICc − least) / (AICc of singletons − least)"
+    title(axes, text, _tau(choice), "loss")
+    legend(axes, loc="upper right")
+
+
+def _tau(choice: Choice) -> str:
+    return f"threshold τ of {choice.criterion}{UNITS[choice.criterion]}"
+
+
+def _faint(curves: Sequence[Curve]) -> float:
+    """Many lines must not hide each other."""
+    return float(np.clip(3.0 / len(curves), 0.15, 0.9))
+
+
+def _over_log(curve: Curve, values: Array) -> tuple[Array, Array]:
+    rows = curve.threshold > 0.0
+    return np.log(curve.threshold[rows]), values[rows]
+
+
+def mark(
+    axes: Axes, x: float, y: float, text: str, offset: tuple[float, float] = (0.0, 34.0)
+) -> None:
+    """A dot with a name beside it (offset, points), in a box that hides the lines behind."""
+    axes.plot([x], [y], "o", color=YELLOW, markersize=7, zorder=5)
+    axes.annotate(
+        text,
+        (x, y),
+        xytext=offset,
+        textcoords="offset points",
+        color=YELLOW,
+        ha="center",
+        fontsize=11,
+        bbox={"boxstyle": "round", "facecolor": BACKGROUND, "edgecolor": "none", "alpha": 0.85},
+        arrowprops={"arrowstyle": "-", "color": YELLOW},
+    )

@@ -1,0 +1,161 @@
+"""Sweeps with known truth: a spinning scanner driven through a street, an estate, a wood."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.config import Checked, setting
+from ellipseg_ros.records import SECOND, Array, Sweep
+from ellipseg_ros.simulation import rays, scanner
+from ellipseg_ros.simulation.samples import boxes, trunk, wall
+from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND
+from ellipseg_ros.simulation.scenes import LAYOUTS, World, make_world
+from ellipseg_ros.simulation.shapes import Class
+
+__all__ = ["FIELDS", "SCENES", "Class", "Scene", "boxes", "simulate", "trunk", "wall"]
+
+SCENES = tuple(LAYOUTS)
+START_NS = 1_700_000_000 * SECOND  # stamp of the first sweep
+SWEEPS_PER_SECOND = 10
+BLOCK = LINES_PER_SECOND  # lines cast together, and with one generator: a second
+FIELDS = np.dtype(
+    [
+        ("x", np.float32),
+        ("y", np.float32),
+        ("z", np.float32),
+        ("intensity", np.float32),  # 0 to 100
+        ("t", np.uint32),  # ns from the stamp
+        ("class", np.uint8),  # see Class
+        ("instance", np.uint32),  # one number per thing; 0: the ground
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """What came back of some scan lines, in the order of the beams."""
+
+    points: Array  # (n, 3) float64 m, registered
+    fields: Array  # (n,) of FIELDS; `t` still 0
+    line: Array  # (n,) int64: row of the scan line
+
+
+@dataclass(frozen=True)
+class Scene(Checked):
+    """A drive through a scene: an iterable of sweeps of 0.1 s, the same ones every time.
+
+    `fields` of a sweep has the layout FIELDS. A tree is one instance: its wood is of class POLE,
+    its leaves are VEGETATION. Points are registered, as a SLAM front end would give them. The same
+    drive without drift gives the same points where they truly are, but for the noise.
+    """
+
+    name: str = setting("industrial", "what the vehicle drives through", choices=SCENES)
+    seed: int = setting(0, "another seed, another street", low=0, high=2**32)
+    duration: float = setting(25.0, "length of the drive", unit="s", low=0.1, high=3600.0)
+    speed: float = setting(3.0, "of the vehicle", unit="m/s", low=0.0, high=30.0)
+    noise: float = setting(0.015, "standard deviation of a range", unit="m", low=0.0, high=1.0)
+    drift: float = setting(
+        0.05, "standard deviation of the registration after 25 s", unit="m", low=0.0, high=10.0
+    )
+    noise_seed: int = setting(
+        -1,
+        "another one, another noise and drift in the same street; -1: that of the street",
+        low=-1,
+        high=2**32,
+    )
+    start: float = setting(
+        0.0, "where on the lane the drive begins", unit="m", low=0.0, high=10_000.0
+    )
+    aside: float = setting(0.0, "to the left of the lane", unit="m", low=-2.0, high=2.0)
+    backwards: bool = setting(False, "drive against the lane, towards its beginning")
+
+    @property
+    def frame_id(self) -> str:
+        """The frame that the points are in."""
+        return "odom"
+
+    def __len__(self) -> int:
+        return (self._lines - 1) * SWEEPS_PER_SECOND // LINES_PER_SECOND + 1
+
+    def __iter__(self) -> Iterator[Sweep]:
+        for start in range(0, self._lines, BLOCK):
+            yield from self._block(np.arange(start, min(start + BLOCK, self._lines)))
+
+    @property
+    def _lines(self) -> int:
+        return max(1, round(self.duration * LINES_PER_SECOND))
+
+    @cached_property
+    def _world(self) -> World:
+        ahead = 0.0 if self.backwards else self.speed * self.duration
+        return make_world(self.name, self.start + ahead, self.seed)
+
+    @property
+    def _drive(self) -> scanner.Drive:
+        return scanner.Drive(self.speed, self.start, self.aside, self.backwards)
+
+    @cached_property
+    def _drift(self) -> scanner.Drift:
+        return scanner.make_drift(self.duration, self.drift, self._rng(2))
+
+    def _rng(self, *purpose: int) -> np.random.Generator:
+        """A generator for what is not of the street but of the drive."""
+        other = () if self.noise_seed < 0 else (self.noise_seed,)
+        return np.random.default_rng((self.seed, *purpose, *other))
+
+    def _block(self, numbers: Array) -> Iterator[Sweep]:
+        """Yield the sweeps that the scan lines `numbers` make."""
+        echoes = self._scan(numbers, self._rng(3, int(numbers[0])))
+        time_ns = numbers * SECOND // LINES_PER_SECOND
+        sweep = numbers * SWEEPS_PER_SECOND // LINES_PER_SECOND
+        for number in range(sweep[0], sweep[-1] + 1):
+            stamp_ns = number * SECOND // SWEEPS_PER_SECOND
+            rows = slice(*np.searchsorted(sweep[echoes.line], [number, number + 1]))
+            fields = echoes.fields[rows].copy()
+            offsets_ns = time_ns[echoes.line[rows]] - stamp_ns
+            fields["t"] = offsets_ns
+            points = echoes.points[rows]
+            yield Sweep(START_NS + stamp_ns, points, offsets_ns, fields, self.frame_id)
+
+    def _scan(self, numbers: Array, rng: np.random.Generator) -> Echoes:
+        """Cast the scan lines `numbers` and keep what comes back."""
+        times = numbers / LINES_PER_SECOND
+        world = self._world
+        lines = scanner.scan_lines(world.path, times, self._drive)
+        middle = 0.5 * (lines.origin[0] + lines.origin[-1])
+        travel = float(np.linalg.norm(lines.origin[-1] - middle))
+        shapes = world.shapes.near(middle, scanner.FARTHEST + travel)
+        luck = rng.random((2, len(numbers), len(ANGLES)))
+        noise = rng.standard_normal(luck.shape)
+        found = rays.cast(lines, ANGLES, luck[0], shapes, world.path.terrain)
+
+        reflectivity = np.append(shapes.reflectivity, [world.soil, 0.0])[found.body]
+        chance = scanner.chance_of_return(found.distance, found.cosine, reflectivity)
+        line, beam = np.nonzero(luck[1] < chance)
+        at = (line, beam)
+        distance = found.distance[at] + self.noise * noise[0][at]
+        true = lines.origin[line] + distance[:, None] * scanner.directions(lines, line, beam)
+        points = self._drift.moved(times[line], true, lines.origin[line])
+        points = points.astype(np.float32).astype(
+            np.float64
+        )  # what `fields`, and so a bag, can hold
+
+        fields = np.zeros(len(points), FIELDS)
+        for name, column in zip("xyz", points.T, strict=True):
+            fields[name] = column
+        shine = 100.0 * reflectivity[at] * np.sqrt(found.cosine[at]) + 2.0 * noise[1][at]
+        fields["intensity"] = np.clip(shine, 0.0, 100.0)
+        fields["class"] = np.append(shapes.kind, [Class.GROUND, Class.UNKNOWN])[found.body[at]]
+        fields["instance"] = np.append(shapes.instance, [0, 0])[found.body[at]]
+        return Echoes(points, fields, line)
+
+
+def simulate(scene: str, **settings: Any) -> Scene:
+    """Drive through one of SCENES; settings as in Scene, such as `seed` and `duration`.
+
+    ConfigError if there is no such scene or a setting is out of range.
+    """
+    return Scene(scene, **settings)

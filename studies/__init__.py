@@ -1,0 +1,1 @@
+"""Studies: benchmarks, evaluations and endurance tests, run from a checkout."""

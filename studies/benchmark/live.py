@@ -1,0 +1,230 @@
+"""Sections with ROS: publishing, latency and memory of the real node, its start."""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any
+
+import numpy as np
+
+from ellipseg_ros.cli.node_process import NodeProcess
+from ellipseg_ros.cli.running import START, domain, environment, running
+from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.io.sources import open_source
+from ellipseg_ros.node.playback import ReplayOptions
+from ellipseg_ros.records import SECOND, Segmentation, State, Sweep
+from ellipseg_ros.ros.replayer import Replayer
+from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.simulation.simulator import FIELDS, simulate
+from studies.benchmark.publishers import Probe
+from studies.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
+from studies.endurance.listener_process import Listening
+from studies.report.timing import milliseconds, spread, timed
+
+BLOB = 30  # points of an ellipsoid that is published
+PERIOD = 0.1  # s, between two updates whose latency is measured
+READY = "ready; "  # what the node says then
+PATIENCE = 60.0  # s for one update
+RELIABLE = {"input_reliability": "reliable"}  # so that every cloud comes back
+Section = dict[str, Any]
+
+
+# --- publishing ------------------------------------------------------------------------------
+
+
+def publishing(sizes: Sizes) -> Section:
+    """Build, serialize and publish updates of which everything changed, and others.
+
+    The publisher is the node's, in this process; the subscriber is another process.
+    """
+    found = _many_ellipsoids(sizes.points // BLOB)
+    times: dict[str, list[float]] = {}
+    received: list[float] = []
+    with domain() as ros_args, Listening(ros_args) as listener, Probe(ros_args) as probe:
+        listener.wait_for_topics(START)
+        markers = Markers(NodeConfig())
+        for number in range(2 * sizes.runs + 1):
+            state = State.UPDATED if number % 2 else State.UNCHANGED
+            found = _next_update(found, state)
+            took, ended = timed(partial(_publish, probe, found))
+            arrived = listener.wait_for_update(found.end_ns, PATIENCE)
+            if number:  # the first one sends everything, whatever its state
+                times.setdefault(f"publish {state.name}", []).append(took)
+            if state is State.UPDATED:
+                received.append(took + (arrived - ended) / SECOND)
+                for name, write in _writers(found, markers).items():
+                    times.setdefault(name, []).append(timed(write)[0])
+    return {
+        "points": len(found.points),
+        "ellipsoids": len(found.ids),
+        "publish_ms": milliseconds(times.pop(f"publish {State.UPDATED.name}")),
+        "publish_unchanged_ms": milliseconds(times.pop(f"publish {State.UNCHANGED.name}")),
+        "received_ms": milliseconds(received),
+        "build_ms": {name: milliseconds(values) for name, values in times.items()},
+        "bytes": {name: len(write()) for name, write in _writers(found, markers).items()},
+    }
+
+
+def _publish(probe: Probe, found: Segmentation) -> int:
+    """Publish an update; returns when that was done, ns."""
+    probe.publish(found)
+    return time.monotonic_ns()
+
+
+def _writers(found: Segmentation, markers: Markers) -> dict[str, Callable[[], bytes]]:
+    """What makes the bytes of each topic; all markers."""
+    return {
+        "segmented_points": lambda: write_labelled(found),
+        "ellipsoids": lambda: markers.update(found, everything=True),
+        "segments": lambda: write_segments(found),
+    }
+
+
+def _many_ellipsoids(count: int) -> Segmentation:
+    """A segmentation of `count` ellipsoids of 30 points, with the simulator's fields."""
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.divmod(np.arange(count), 100), axis=1) * 3.0  # farther than they are wide
+    centres = np.column_stack([grid, np.zeros(count)])
+    points = np.repeat(centres, BLOB, axis=0) + 0.1 * rng.standard_normal((count * BLOB, 3))
+    fields = np.zeros(len(points), FIELDS)
+    for name, column in zip("xyz", points.T, strict=True):
+        fields[name] = column
+    config = Config("parsimony", 1e9)  # whatever is connected is one
+    found = Segmenter(config).process(Sweep(SECOND, points, fields=fields, frame_id="odom"))
+    if not 0.99 * count < len(found.ids) < 1.01 * count:
+        raise EllipsegError(f"{count} blobs became {len(found.ids)} segments; the bench is wrong")
+    return found
+
+
+def _next_update(found: Segmentation, state: State) -> Segmentation:
+    return replace(
+        found,
+        sequence=found.sequence + 1,
+        end_ns=found.end_ns + round(PERIOD * SECOND),
+        state=np.full(len(found.ids), state, np.uint8),
+    )
+
+
+# --- the node --------------------------------------------------------------------------------
+
+
+def latency(sizes: Sizes, data: str = "") -> Section:
+    """From a cloud sent to its segments received, at 10 updates/s and in real time."""
+    window = sizes.window
+    drive = simulate(SCENE, duration=window + sizes.listen)
+    cases = [_latency(f"simulated {SCENE}", drive, window, sizes)]
+    if data:
+        source = open_source(data)
+        share = RATE / points_per_second(source)
+        stamps = [sweep.stamp_ns for sweep in source]
+        span = (max(stamps) - min(stamps)) / SECOND
+        sweeps = list(thinned(source, share))
+        cases.append(_latency(source.name, sweeps, min(window, span / 2.0), sizes))
+    return {"update_period_s": PERIOD, "cases": cases}
+
+
+def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) -> Section:
+    sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
+
+    def note(sweep: Sweep) -> None:
+        sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
+
+    settings = {"update_period": PERIOD, "window_duration": float(window)}
+    with running(RELIABLE | settings) as (listener, node, ros_args):
+        with Replayer(sweeps, ReplayOptions(clock=False), ros_args) as replayer:
+            listener.wait_for_topics(START)
+            replayer.run(note)
+            listener.wait_for_update(max(sent), PATIENCE)
+        said = listener.next_report(PATIENCE)
+        memory_mb = node.peak_memory_mb()
+    full = min(sent) + round(window * SECOND)
+    times = [
+        (arrived - sent[stamp]) / SECOND
+        for stamp, arrived in listener.updates.items()
+        if stamp >= full and stamp in sent
+    ]
+    return {
+        "stream": name,
+        "window_s": round(window, 1),
+        "points": int(said["points segmented"]) + int(said["points isolated"]),
+        "clouds": sum(stamp >= full for stamp in sent),
+        "latency_ms": _quantiles(times),
+        "diagnostics_ms": {
+            which: round(1e3 * float(said[f"latency {key} [s]"]), 1)
+            for which, key in (("p50", "median"), ("p99", "p99"))
+        },
+        "updates_joined": int(said["updates joined"]),
+        "clouds_lost": int(said["clouds lost by DDS"]),
+        "peak_memory_mb": memory_mb,
+    }
+
+
+def _quantiles(seconds: list[float]) -> dict[str, Any]:
+    p50, p99 = np.percentile(np.array(seconds) * 1e3, [50, 99])
+    return {"p50": round(float(p50), 1), "p99": round(float(p99), 1), "updates": len(seconds)}
+
+
+def memory(sizes: Sizes) -> Section:
+    """Most memory of the node, at its default settings, all topics subscribed."""
+    drive = simulate(SCENE, duration=sizes.window + 5.0)
+    sweeps = list(thinned(drive, sizes.points / sizes.window / points_per_second(drive)))
+    options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, patience=PATIENCE)
+    settings = {"window_duration": sizes.window}
+    with running(RELIABLE | settings) as (listener, node, ros_args):
+        with Replayer(sweeps, options, ros_args) as replayer:
+            listener.wait_for_topics(START)
+            replayer.run()
+        said = listener.next_report(PATIENCE)
+        most = node.peak_memory_mb()
+    points = int(said["points segmented"]) + int(said["points isolated"])
+    return {"window_s": sizes.window, "points": points, "peak_mb": most}
+
+
+def start(sizes: Sizes) -> Section:
+    """From the start of the process until the node is ready: all compiled, subscribed."""
+    result: Section = {}
+    with ExitStack() as stack:
+        if sizes.cold:
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            stack.enter_context(environment({"NUMBA_CACHE_DIR": folder}))
+            result["cold_s"] = spread([_start()])
+        else:
+            _start()
+        result["warm_s"] = spread([_start() for _ in range(sizes.starts)])
+    return result
+
+
+def _start() -> float:
+    """Seconds from the start of the process until it says that it is ready."""
+    with domain("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "node.log"
+        os.mkfifo(log)  # a pipe, so that a line comes when it is written
+        said: SimpleQueue[float | None] = SimpleQueue()
+        Thread(target=_note_ready, args=(log, said), daemon=True).start()
+        with NodeProcess(ros_args, log, lambda _: None) as node:
+            started = time.monotonic()
+            node.start()
+            ready = said.get(timeout=START)
+            if ready is None:
+                raise EllipsegError("the node ended before it was ready; see what it says alone")
+            node.stop()
+    return ready - started
+
+
+def _note_ready(log: Path, said: "SimpleQueue[float | None]") -> None:
+    """Put the time at which the node says so, and None at the end."""
+    with log.open() as lines:
+        for line in lines:  # all, or the node would wait for a reader
+            if READY in line:
+                said.put(time.monotonic())
+    said.put(None)

@@ -1,0 +1,70 @@
+"""A drive without an end: a simulated lap again and again, always in a new place."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ellipseg_ros.records import SECOND, Array, Sweep
+from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
+
+NOISE = 0.01  # m: standard deviation of what makes every lap another one
+
+
+@dataclass(frozen=True)
+class Tape:
+    """Laps of a simulated street, one laid behind the other, with new noise; the same every time.
+
+    rate: points/s; each sweep then holds points several times, with noise of their own, as if
+    several scanners saw it. 0: those of the one scanner.
+    """
+
+    lap_s: float
+    laps: int
+    rate: float = 0.0
+    first: int = 0  # number of the first lap: where and when it begins
+    scene: str = "industrial"
+    seed: int = 0
+
+    def __iter__(self) -> Iterator[Sweep]:
+        for lap in range(self.first, self.first + self.laps):
+            for number, sweep in enumerate(self._lap):
+                yield self._copy(sweep, lap, np.random.default_rng((self.seed, lap, number)))
+
+    def __len__(self) -> int:
+        return self.laps * len(self._lap)
+
+    @cached_property
+    def base_rate(self) -> float:
+        """Points/s of the simulated lap."""
+        return sum(map(len, self._lap)) / len(self._lap) * SWEEPS_PER_SECOND
+
+    @property
+    def _lap(self) -> list[Sweep]:
+        return _simulated(self.scene, self.lap_s, self.seed)
+
+    @cached_property
+    def _step(self) -> Array:
+        """(3,) m, level: from the beginning of a lap to the next one's."""
+        first, last = (np.median(self._lap[k].points, axis=0) for k in (0, -1))
+        step: Array = (last - first) * (1.0, 1.0, 0.0)
+        return step
+
+    def _copy(self, sweep: Sweep, lap: int, rng: np.random.Generator) -> Sweep:
+        if self.rate:
+            copies = rng.poisson(self.rate / self.base_rate, len(sweep))
+            sweep = sweep.keep(np.repeat(np.arange(len(sweep)), copies))
+        assert sweep.fields is not None  # the simulator's
+        moved = sweep.points + lap * self._step + NOISE * rng.standard_normal((len(sweep), 3))
+        fields = sweep.fields.copy()
+        for name, column in zip("xyz", moved.T, strict=True):
+            fields[name] = column
+        points = np.column_stack([fields[name] for name in "xyz"]).astype(np.float64)
+        stamp_ns = sweep.stamp_ns + lap * round(self.lap_s * SECOND)
+        return replace(sweep, stamp_ns=stamp_ns, points=points, fields=fields)
+
+
+@lru_cache(maxsize=2)
+def _simulated(scene: str, seconds: float, seed: int) -> list[Sweep]:
+    return list(simulate(scene, duration=seconds, seed=seed))

@@ -1,0 +1,1 @@
+"""ROS nodes that the endurance tests run beside the segmenter."""

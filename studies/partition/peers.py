@@ -1,0 +1,166 @@
+"""Methods of others, with parameters that suit them: what is in use, from PyPI."""
+
+from functools import cache
+from importlib import import_module
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ellipseg_ros.records import Array
+from studies.partition.methods import Dial, Method, Run, Settings
+from studies.partition.scan import NONE
+
+GRAPH = 10  # nearest neighbours that cut-pursuit's graph joins
+OUTDOORS = 0.8  # regularisation that its authors use for outdoor scans (Semantic3D)
+LEAST = 12  # points of a cluster
+
+
+def prepare_cut_pursuit(points: Array) -> Run:
+    """Minimal partition of geometric features, as for superpoint graphs.
+
+    Guinard and Landrieu (2017), Weakly supervised segmentation-aided classification of urban
+    scenes; Landrieu and Simonovsky (2018), Large-scale point cloud semantic segmentation with
+    superpoint graphs: linearity, planarity, scattering and twice the verticality of the nearest
+    neighbours; the 10-nearest-neighbour graph, weighted 1 / (1 + length / mean length).
+
+    The package ignores its regularisation strength where weights are given (seen in 1.0.12), so
+    the strength is a factor of the weights, which is what it means.
+    """
+    cut_pursuit = import_module("cut_pursuit_py").perform_cut_pursuit
+    pgeof = import_module("pgeof")
+
+    local = np.ascontiguousarray(points - points.mean(axis=0), dtype=np.float32)
+
+    @cache
+    def features(neighbours: int) -> tuple[Array, Array, Array]:
+        wanted = min(neighbours + 1, len(local))
+        near, squared = pgeof.knn_search(local, local, wanted)
+        starts = np.arange(len(local) + 1, dtype=np.uint32) * np.uint32(wanted - 1)
+        others = np.ascontiguousarray(near[:, 1:], dtype=np.uint32)
+        found = pgeof.compute_features(local, others.reshape(-1), starts)[:, :4]
+        return others, np.sqrt(squared[:, 1:]), np.ascontiguousarray(found * [1, 1, 1, 2], "f4")
+
+    def run(settings: Settings) -> Array:
+        others, lengths, found = features(int(settings["neighbours"]))
+        ends, length = others[:, :GRAPH], lengths[:, :GRAPH].reshape(-1)
+        starts = np.repeat(np.arange(len(ends), dtype=np.uint32), ends.shape[1])
+        weights = float(settings["strength"]) / (1.0 + length / max(float(length.mean()), 1e-9))
+        labels = cut_pursuit(
+            1.0,
+            found.shape[1],
+            found,
+            weights.astype(np.float32),
+            starts,
+            np.ascontiguousarray(ends).reshape(-1),
+            False,
+        )
+        return np.asarray(labels).astype(np.int64)
+
+    return run
+
+
+def prepare_dbscan(points: Array) -> Run:
+    """Ester et al. (1996): clusters are what dense points reach."""
+    open3d = import_module("open3d")
+
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+
+    def run(settings: Settings) -> Array:
+        found = cloud.cluster_dbscan(float(settings["radius"]), int(settings["points"]))
+        return np.asarray(found, dtype=np.int64)
+
+    return run
+
+
+def prepare_patches(points: Array) -> Run:
+    """Araújo and Oliveira (2020), A robust statistics approach for plane detection.
+
+    A point belongs to the patch in whose box it lies, of several to the one whose plane is
+    nearest.
+    """
+    open3d = import_module("open3d")
+
+    corners = open3d.utility.Vector3dVector(points)
+    search = open3d.geometry.KDTreeSearchParamKNN(30)
+
+    def run(settings: Settings) -> Array:
+        cloud = open3d.geometry.PointCloud(corners)
+        cloud.estimate_normals(search)
+        boxes = cloud.detect_planar_patches(
+            normal_variance_threshold_deg=float(settings["angle"]),
+            coplanarity_deg=float(settings["coplanarity"]),
+            min_num_points=int(settings["points"]),
+            search_param=search,
+        )
+        labels = np.full(len(points), NONE)
+        nearest = np.full(len(points), np.inf)
+        for number, box in enumerate(boxes):
+            inside = np.asarray(box.get_point_indices_within_bounding_box(corners), np.int64)
+            off = np.abs((points[inside] - box.center) @ box.R[:, 2])
+            closer = off < nearest[inside]
+            labels[inside[closer]] = number
+            nearest[inside[closer]] = off[closer]
+        return labels
+
+    return run
+
+
+def prepare_hdbscan(points: Array) -> Run:
+    """Campello et al. (2013): DBSCAN's hierarchy over all radii, cut where clusters are stable."""
+    hdbscan = import_module("hdbscan")
+
+    folder = TemporaryDirectory()  # of what does not depend on the size of a cluster
+
+    def run(settings: Settings) -> Array:
+        clusters = hdbscan.HDBSCAN(
+            min_cluster_size=int(settings["points"]),
+            min_samples=5,
+            cluster_selection_method=str(settings["selection"]),
+            core_dist_n_jobs=1,  # its worker processes would escape the time limit
+            memory=folder.name,
+        )
+        return np.asarray(clusters.fit(points).labels_, dtype=np.int64)
+
+    return run
+
+
+def _grid(settings: Settings, name: str, values: tuple[float | str, ...]) -> tuple[Settings, ...]:
+    """The same settings with each of the values in turn."""
+    return tuple(settings | {name: value} for value in values)
+
+
+CUT_PURSUIT = Method(
+    "cut-pursuit",
+    prepare_cut_pursuit,
+    _grid({"strength": OUTDOORS}, "neighbours", (20, 45)),
+    Dial("strength", 0.001, 1000.0),
+    "cut-pursuit-py pgeof",
+    "cut_pursuit_py pgeof",
+)
+PEERS = (
+    CUT_PURSUIT,
+    Method(
+        "Open3D DBSCAN",
+        prepare_dbscan,
+        _grid({"radius": 0.3}, "points", (3, 6, 12)),
+        Dial("radius", 0.03, 1.0),  # beyond, its list of neighbours fills the memory
+        "open3d-cpu",
+        "open3d",
+    ),
+    Method(
+        "Open3D planar patches",
+        prepare_patches,
+        _grid({"coplanarity": 75.0, "points": LEAST}, "angle", (30.0, 60.0, 75.0)),
+        Dial("points", 4, 10_000, whole=True),
+        "open3d-cpu",
+        "open3d",
+    ),
+    Method(
+        "HDBSCAN",
+        prepare_hdbscan,
+        _grid({"points": LEAST}, "selection", ("eom", "leaf")),
+        Dial("points", 2, 10_000, whole=True),
+        "hdbscan",
+        "hdbscan",
+    ),
+)

@@ -1,0 +1,125 @@
+"""Nonsense in landmarks and in lists of segments: refused, or harmless."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import worlds
+
+from ellipseg_ros.association.associate import associate, candidates
+from ellipseg_ros.association.landmark_map import LandmarkMap, check, no_landmarks
+from ellipseg_ros.config import MapConfig
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.io import landmark_messages
+from ellipseg_ros.io.landmark_messages import read_landmarks
+from ellipseg_ros.io.segment_mirror import SegmentMirror
+from ellipseg_ros.records import SECOND, Kind
+from studies.endurance import odd_landmarks
+from studies.endurance.odd_landmarks import recognize, reflect
+
+
+@pytest.fixture(scope="module")
+def good():
+    return read_landmarks(odd_landmarks.odd_landmarks(0, 0))
+
+
+@pytest.mark.parametrize("seed", [1, 2])  # the first world of 2 is vast
+def test_odd_landmarks_are_associated_or_refused_in_a_short_line(seed):
+    tally = recognize(seed, 60)
+    assert not tally.faults
+    assert tally.updates > 15 and len(tally.rejected) >= 3
+
+
+def test_far_and_vague_landmarks_are_associated():
+    """The prior is lost to rounding beside what a landmark says 1e8 m away from the others."""
+    places = [[-1e8, 1e8, 1e8], [1e8, 1e8, -1e8]]
+    covariance = np.diag([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * np.array([[[1e-7]], [[1e10]]])
+    far = worlds.landmarks(
+        [Kind.BLOB] * 2, places, np.tile(np.eye(3), (2, 1, 1)), np.ones((2, 3)), covariance
+    )
+    stored = LandmarkMap(MapConfig())
+    for number, live in enumerate((far, no_landmarks(), far)):
+        stored.update(live, (100, 101, 200)[number] * SECOND, "odom", number)
+    known = stored.known().landmarks
+    assert len(known) == 2
+    found = associate(known, far)
+    variances = np.linalg.eigvalsh(found.covariance)
+    assert variances.min() >= 0.0 and variances.max() < 20.0  # the bounds say so, at the least
+
+
+def test_a_mirror_in_step_holds_all_points():
+    tally = reflect(1, 500)
+    assert not tally.faults
+    assert 20 < tally.updates < tally.cases
+
+
+def test_what_the_association_should_not_say_is_a_fault(monkeypatch):
+    def wrong(*_):
+        found = associate(*_)
+        return replace(found, covariance=found.covariance * np.nan)
+
+    monkeypatch.setattr(odd_landmarks, "associate", wrong)
+    assert "covariance of the association" in recognize(0, 10).faults[0]
+
+
+def altered(column, value, place):
+    """A copy of an array with another value somewhere."""
+    changed = column.copy()
+    changed[place] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "place", "why"),
+    [
+        ("position", 1e9, (0, 0), "beyond"),
+        ("low", 5.0, (1, 2), "low above high"),
+        ("sigma", -1.0, (0, 1), "below 0"),
+        ("covariance", 1e30, (0, 0, 0), "beyond"),
+        ("covariance", 1e13, (0, 0, 0), "beyond"),
+        ("covariance", 1.0, (2, 0, 1), "not symmetric"),
+        ("covariance", -1.0, (2, 0, 0), "below 0"),
+    ],
+)
+def test_numbers_that_are_no_measurement_are_refused(good, name, value, place, why):
+    check(good)
+    with pytest.raises(InputError, match=why):
+        check(replace(good, **{name: altered(getattr(good, name), value, place)}))
+
+
+def test_too_many_landmarks_are_refused_before_they_are_read(monkeypatch):
+    monkeypatch.setattr(landmark_messages, "MOST", 10)
+    with pytest.raises(InputError) as error:
+        read_landmarks(SimpleNamespace(landmarks=[None] * 11))
+    assert error.value.reason == "many"
+
+
+def test_too_many_pairs_are_refused_before_they_are_made(good, monkeypatch):
+    assert len(associate(good, good)) > 5
+    monkeypatch.setattr(candidates, "MOST_PAIRS", 5)
+    with pytest.raises(InputError, match="more than 5 pairs"):
+        associate(good, good)
+
+
+def full(counts, segmented):
+    rows = [SimpleNamespace(id=k + 1, count=n, state=0) for k, n in enumerate(counts)]
+    return SimpleNamespace(
+        sequence=0, full=True, segments=rows, objects=[], removed=[], segmented=segmented
+    )
+
+
+def test_a_full_list_that_does_not_add_up_is_not_believed():
+    assert SegmentMirror().update(full([3, 4], 7))
+    assert SegmentMirror().update(full([], 0))
+    assert not SegmentMirror().update(full([3, 4], 8))
+    assert not SegmentMirror().update(full([7, 0], 7))  # a segment has points
+
+
+def test_a_message_of_the_same_number_with_other_points_is_not_believed():
+    mirror = SegmentMirror()
+    assert mirror.update(full([3, 4], 7))
+    same = SimpleNamespace(**(vars(full([], 7)) | {"full": False}))
+    assert mirror.update(same)
+    same.segmented = 8
+    assert not mirror.update(same)

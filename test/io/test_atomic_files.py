@@ -1,0 +1,28 @@
+"""Files are written whole or not at all."""
+
+import pytest
+
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.atomic_files import replacing, write_text
+
+
+def test_what_goes_wrong_leaves_the_file_as_it_was(tmp_path):
+    path = tmp_path / "text"
+    write_text(path, "one")
+
+    def interrupted():
+        with replacing(path) as part:
+            part.write_text("two")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        interrupted()
+    assert path.read_text() == "one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["file/inside", "missing/inside", "x" * 300])
+def test_where_nothing_can_be_written_one_line_says_so(tmp_path, name):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="can't be written: "):
+        write_text(tmp_path / name, "text")

@@ -1,0 +1,239 @@
+"""What /diagnostics tell."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from ellipseg_ros.node import health
+from ellipseg_ros.node.health import ERROR, OK, WARN, Health
+from ellipseg_ros.records import SECOND, Counts
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that only a test turns on."""
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr(health.time, "monotonic", lambda: now.s)
+    return now
+
+
+def window(restart="", change="", late=0, crowded_out=0):
+    """What an update has found."""
+    return SimpleNamespace(
+        restart=restart,
+        counts=Counts(90, 5, 3, 2),
+        frame_id="odom",
+        start_ns=0,
+        end_ns=20 * SECOND,
+        late=late,
+        crowded_out=crowded_out,
+        ids=range(7),
+        criterion="shape",
+        threshold=4.0,
+        threshold_change=change,
+        aicc=-12.345,
+    )
+
+
+def ready():
+    """Of a node that has compiled its kernels."""
+    found = Health()
+    found.ready()
+    return found
+
+
+def test_before_the_first_cloud_it_says_why_there_is_none(clock):
+    found = Health()
+    report = found.report(0)
+    assert (report.level, report.message.split(",")[0]) == (WARN, "loading the kernels")
+    found.ready()
+    report = found.report(0)
+    assert (report.level, report.message) == (WARN, "no cloud yet")
+    assert "time since the last update [s]" not in report.values
+
+
+def test_good_clouds_are_fine_and_their_rate_is_told(clock):
+    found = ready()
+    for _ in range(20):
+        found.cloud()
+    clock.s += 2.0
+    report = found.report(waiting=1)
+    assert (report.level, report.message) == (OK, "segmenting")
+    assert report.values["input rate [1/s]"] == "10.00"
+    assert report.values["updates waiting"] == "1"
+
+
+def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
+    found = ready()
+    found.cloud()
+    clock.s += 5.1
+    assert found.report(0).message == "no cloud for 5 s"
+    found.cloud()
+    assert found.report(0).level == OK
+
+
+def test_points_that_left_no_trace_are_told(clock):
+    found = ready()
+    found.cloud()
+    found.updated(window(late=3, crowded_out=40), 0.1, 0.2)
+    report = found.report(0)
+    assert report.level == WARN
+    assert report.message == "max_points reached: 40 points expired early"
+    assert (report.values["points late"], report.values["points expired early"]) == ("3", "40")
+    found.cloud()
+    assert found.report(0).level == OK
+
+
+def test_a_window_that_begins_anew_again_and_again_is_worth_a_warning(clock):
+    found = ready()
+    for times in (1, 3):
+        found.cloud()
+        for _ in range(times):
+            found.updated(window(restart="the frame changed from 'a' to 'b'"), 0.1, 0.2)
+        report = found.report(0)
+        assert report.level == (OK if times == 1 else WARN)
+    assert report.message == "the window began anew 3 times: the frame changed from 'a' to 'b'"
+    assert report.values["restarts"] == "4"
+
+
+def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
+    found = ready()
+    found.cloud()
+    found.cloud()
+    found.rejected("no_xyz")
+    report = found.report(0)
+    assert (report.level, report.message) == (WARN, "1 clouds rejected")
+    assert report.values["clouds rejected: no_xyz"] == "1"
+    found.cloud()
+    found.rejected("no_xyz")
+    report = found.report(0)
+    assert (report.level, report.message) == (ERROR, "every cloud is rejected: no_xyz")
+    found.cloud()
+    report = found.report(0)
+    assert report.level == OK
+    assert report.values["clouds rejected"] == "2"
+
+
+def test_the_reasons_of_an_error_are_those_of_its_time(clock):
+    found = ready()
+    for reason in ("no_xyz", "stamp"):
+        found.cloud()
+        found.rejected(reason)
+        assert found.report(0).message == f"every cloud is rejected: {reason}"
+
+
+def test_a_group_that_is_rejected_says_nothing_of_the_clouds_that_come(clock):
+    found = ready()
+    found.cloud()
+    found.group_rejected("fields")
+    report = found.report(0)
+    assert (report.level, report.message) == (WARN, "1 clouds rejected")
+    assert report.values["clouds rejected: fields"] == "1"
+
+
+def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
+    found = ready()
+    found.cloud()
+    found.lost(3)
+    found.overloaded(joined=2, given_up=1, points_given_up=700)
+    report = found.report(0)
+    assert report.level == WARN
+    assert report.message == (
+        "3 clouds lost; too slow: 2 updates joined; too slow: 1 updates given up"
+    )
+    later = found.report(0)
+    assert later.level == OK
+    names = ("clouds lost by DDS", "updates joined", "updates given up", "points given up")
+    assert [later.values[name] for name in names] == ["3", "2", "1", "700"]
+
+
+def test_points_that_expired_before_their_update_are_told_with_the_others(clock):
+    found = ready()
+    found.cloud()
+    found.overloaded(joined=1, given_up=0, crowded_out=30)
+    found.updated(window(crowded_out=10), 0.1, 0.2)
+    report = found.report(0)
+    assert "max_points reached: 40 points expired early" in report.message
+    assert report.values["points expired early"] == "40"
+
+
+def test_times_are_those_of_the_last_hundred_updates(clock):
+    found = ready()
+    for k in range(150):
+        found.updated(window(), processing=k / 1000, latency=k / 100)
+    values = found.report(0).values
+    assert values["updates"] == "150"
+    assert values["processing median [s]"] == "0.0995"  # of 0.050 to 0.149
+    assert float(values["latency p99 [s]"]) == pytest.approx(1.48, abs=0.01)
+
+
+def test_the_window_and_the_last_restart_are_described(clock):
+    found = Health()
+    found.updated(window(restart="a jump"), 0.1, 0.2)
+    found.updated(window(), 0.1, 0.2)
+    values = found.report(0).values
+    assert (values["restarts"], values["last restart"]) == ("1", "a jump")
+    fates = ("segmented", "isolated", "rejected", "thinned")
+    assert [values[f"points {fate}"] for fate in fates] == ["90", "5", "3", "2"]
+    assert (values["window [s]"], values["segments"], values["AICc"]) == ("20.000", "7", "-12.3")
+
+
+def test_an_update_without_an_end_is_an_error(clock):
+    found = ready()
+    found.cloud()
+    with found.work():
+        clock.s += 59.0
+        found.cloud()
+        assert found.report(0).level == OK
+        clock.s += 2.0
+        report = found.report(0)
+        assert (report.level, report.message) == (ERROR, "an update has been under way for 61 s")
+        assert report.values["update under way for [s]"] == "61.0"
+    found.cloud()
+    report = found.report(0)
+    assert (report.level, report.values["update under way for [s]"]) == (OK, "0.0")
+
+
+def test_three_late_updates_in_a_row_are_too_slow(clock):
+    found = ready()
+    levels = []
+    for latency in (1.5, 0.2, 1.1, 1.2, 1.3, 0.9):
+        found.cloud()
+        found.updated(window(), 0.1, latency, period=1.0)
+        report = found.report(0)
+        levels.append(report.level)
+        if report.level:
+            assert report.message.endswith("later than update_period, the last after 1.30 s")
+            assert report.message.startswith("too slow for real time: 3 updates")
+    assert levels == [OK, OK, OK, OK, WARN, OK]
+
+
+def test_slowness_of_before_a_silence_is_forgotten(clock):
+    found = ready()
+    for _ in range(3):
+        found.cloud()
+        found.updated(window(), 0.1, 5.0, period=1.0)
+    clock.s += 6.0
+    assert found.report(0).message == "no cloud for 6 s"
+    found.cloud()
+    assert found.report(0).level == OK
+
+
+def test_ages_and_memory_are_told(clock):
+    found = ready()
+    found.updated(window(), 0.1, 0.2)
+    clock.s += 3.0
+    values = found.report(0, now_ns=22 * SECOND).values
+    assert values["time since the last update [s]"] == "3.0"
+    assert values["age of the newest point [s]"] == "2.0"
+    assert values["latency last [s]"] == "0.2000"
+    assert values["running for [s]"] == "3"
+    assert 10 < float(values["memory [MB]"]) < 100_000
+
+
+def test_another_node_that_publishes_the_same_is_worth_a_warning(clock):
+    found = ready()
+    found.cloud()
+    found.rivals = 1
+    report = found.report(0)
+    assert report.level == WARN and "1 other nodes publish segments" in report.message
