@@ -401,7 +401,7 @@ class Segmentation:
     start_ns: int  # the window holds the points with start_ns < t <= end_ns
     end_ns: int
     late: int  # points of this update that were older than the window, and are not in it
-    crowded_out: int  # points that left the window early with this update, for `max_points`
+    evicted: int  # points that left the window early with this update, for `max_points`
     sequence: int  # number of this update, from 0, not restarted by a reset
     restart: str  # why the window began anew with this update; empty: it did not
     threshold_change: str = ""  # why criterion or threshold are others than before; empty: same

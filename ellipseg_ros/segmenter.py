@@ -84,7 +84,7 @@ class Segmenter:
     _edges: Edges
     _merge: Merge
     _own: Own
-    _left_out: tuple[int, int]  # points of the last update: late, crowded out
+    _left_out: tuple[int, int]  # points of the last update: late, evicted
 
     def __init__(self, config: Config | None = None, origin: Array | None = None) -> None:
         self._config = config or Config()
@@ -136,7 +136,7 @@ class Segmenter:
             self.reset(restart)
         self._before = and_then(self._before, sweep)
         push = self._window.push(sweep, self._config)
-        self._left_out = push.late, push.crowded_out
+        self._left_out = push.late, push.evicted
         if self._neighbours.count == 0:  # a new graph of, perhaps, an old window
             push = self._window.everything()
         self._make_room(len(push.arrived))
@@ -216,7 +216,7 @@ class Segmenter:
             start_ns=self._window.start_ns,
             end_ns=self._window.end_ns,
             late=self._left_out[0],
-            crowded_out=self._left_out[1],
+            evicted=self._left_out[1],
             sequence=self._sequence,
             restart=self._restart,
             threshold_change=self._threshold_change,

@@ -127,7 +127,7 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "start_ns": end_ns - 25_000_000_000,
         "end_ns": end_ns,
         "late": 3,
-        "crowded_out": 5,
+        "evicted": 5,
         "sequence": 0,
         "restart": "",
         "threshold_change": "tuned",

@@ -178,7 +178,7 @@ def _summary(head: Summary, live: Live, check: Check, meter: Meter) -> Summary:
         "restarts": meter.restarts,
         "points": sent.points,
         "points_late": meter.late,
-        "points_expired_early": meter.crowded_out,
+        "points_expired_early": meter.evicted,
         "sensor_s": round(sensor, 3),
         "wall_s": round(sent.wall_seconds, 3),
         "times_real_time": round(sensor / sent.wall_seconds, 2) if sensor else None,

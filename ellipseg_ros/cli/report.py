@@ -32,7 +32,7 @@ class Meter:
     sensor_ns: int = 0  # time that the data span, restarts taken out
     restarts: int = 0
     late: int = 0  # points older than the window when they came
-    crowded_out: int = 0  # points that `max_points` let expire early
+    evicted: int = 0  # points that `max_points` let expire early
     started: float = field(default_factory=time.perf_counter)
     last: Segmentation | None = None
 
@@ -55,7 +55,7 @@ class Meter:
         self.sensor_ns += max(0, found.end_ns - begin)
         self.restarts += bool(found.restart)
         self.late += found.late
-        self.crowded_out += found.crowded_out
+        self.evicted += found.evicted
         self.last = found
 
     def summary(self) -> Summary:
@@ -67,7 +67,7 @@ class Meter:
             "restarts": self.restarts,
             "points": self.points,
             "points_late": self.late,
-            "points_expired_early": self.crowded_out,
+            "points_expired_early": self.evicted,
             "sensor_s": round(sensor, 3),
             "wall_s": round(wall, 3),
             "times_real_time": round(sensor / wall, 2) if sensor else None,

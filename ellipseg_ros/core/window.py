@@ -39,7 +39,7 @@ class Push(NamedTuple):
     serial: Array  # (m,) int64: their serial numbers
     expired: Array  # (e,) int64: serial numbers, among those that took part; ascending
     late: int = 0  # new points, of any fate, that were older than the window already
-    crowded_out: int = 0  # points, old or new, that expired early for `max_points`
+    evicted: int = 0  # points, old or new, that expired early for `max_points`
 
 
 class Window:
@@ -96,7 +96,7 @@ class Window:
         gone = old.times_ns <= self.start_ns
         late = times <= self.start_ns  # possible, within max_lateness of a short window
         too_late = int(late.sum())
-        crowded_out = self._make_room(gone, times, late, self._limit(sweep.fields, config))
+        evicted = self._make_room(gone, times, late, self._limit(sweep.fields, config))
         expired = old.arrival[gone & (old.fate == TAKES_PART)]
         comes = takes_part & ~late
         arrived = chosen(new.position, comes) - self.origin
@@ -106,7 +106,7 @@ class Window:
         if len(sweep) or not self.started:
             self.frame_id = sweep.frame_id
         self.started = True
-        return Push(arrived, serial, expired, too_late, crowded_out)
+        return Push(arrived, serial, expired, too_late, evicted)
 
     def everything(self) -> Push:
         """All points that take part, as if they had just arrived."""

@@ -42,7 +42,7 @@ def write_segments(found: Segmentation, listed: Listed | None = None) -> bytes:
     out.put("d", found.aicc)
     counts = found.counts
     out.put("IIII", counts.segmented, counts.isolated, counts.rejected, counts.thinned)
-    out.put("II", found.late, found.crowded_out)
+    out.put("II", found.late, found.evicted)
     order = _ascending(found.ids, None if listed is None else listed.segments)
     columns = {name: column[order] for name, column in _segment_columns(found).items()}
     out.records(columns, sequences(_rows(found.parents, order)))

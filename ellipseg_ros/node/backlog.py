@@ -48,7 +48,7 @@ class Overload:
     joined: int  # taken together with another one
     given_up: int  # of a window that a restart ended: nobody would have seen them
     points_given_up: int = 0  # in those
-    crowded_out: int = 0  # points that expired before they were segmented, for `max_points`
+    evicted: int = 0  # points that expired before they were segmented, for `max_points`
 
 
 class Batch:

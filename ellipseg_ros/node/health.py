@@ -114,7 +114,7 @@ class Health:
         self._add("lost", clouds)
 
     def overloaded(
-        self, joined: int, given_up: int, points_given_up: int = 0, crowded_out: int = 0
+        self, joined: int, given_up: int, points_given_up: int = 0, evicted: int = 0
     ) -> None:
         """Updates were taken together with others, or given up before a restart.
 
@@ -123,7 +123,7 @@ class Health:
         self._add("joined", joined)
         self._add("given up", given_up)
         self._add("points given up", points_given_up)
-        self._add("crowded out", crowded_out)
+        self._add("evicted", evicted)
 
     def _add(self, name: str, count: int) -> None:
         with self._lock:
@@ -141,7 +141,7 @@ class Health:
             self._late.append(latency / period)
             self._total["updates"] += 1
             self._total["late"] += found.late
-            self._total["crowded out"] += found.crowded_out
+            self._total["evicted"] += found.evicted
             self._processing.append(processing)
             self._latency.append(latency)
             if found.restart:
@@ -193,8 +193,8 @@ class Health:
                 f"too slow for real time: {SLOW} updates in a row came later than update_period, "
                 f"the last after {self._latency[-1]:.2f} s"
             )
-        if new["crowded out"]:
-            warnings.append(f"max_points reached: {new['crowded out']} points expired early")
+        if new["evicted"]:
+            warnings.append(f"max_points reached: {new['evicted']} points expired early")
         if self._still >= STILL:
             warnings.append(f"the stamps stand still: {self._still} clouds are no newer")
         if new["restarts"] > 1:
@@ -243,7 +243,7 @@ class Health:
             **{f"clouds rejected: {why}": str(n) for why, n in sorted(self._rejected.items())},
             "clouds lost by DDS": str(total["lost"]),
             "points late": str(total["late"]),
-            "points expired early": str(total["crowded out"]),
+            "points expired early": str(total["evicted"]),
             "points given up": str(total["points given up"]),
             "updates": str(total["updates"]),
             "updates waiting": str(waiting),

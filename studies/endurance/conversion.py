@@ -39,7 +39,7 @@ class Tally:
     decoded: int = 0  # updates of which the messages were read back
     restarts: int = 0
     late: int = 0  # points
-    crowded_out: int = 0  # points
+    evicted: int = 0  # points
     last: Segmentation | None = None
     faults: list[str] = field(default_factory=list)  # whatever must not be, in words
     slowest: float = 0.0  # s, the conversion, and what update it closes, of one cloud
@@ -92,7 +92,7 @@ class Consumer:
         tally.updates += 1
         tally.restarts += bool(found.restart)
         tally.late += found.late
-        tally.crowded_out += found.crowded_out
+        tally.evicted += found.evicted
         tally.last = found
         before = None if found.restart else self._before
         self._before = found

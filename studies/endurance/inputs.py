@@ -99,7 +99,7 @@ def of_node(heard: Heard, cases: Cases) -> list[Promise]:
     """The rows of what came of messages to the running node."""
     different = differences(heard)
     growth = heard.peak_mb - heard.before_mb
-    early = int(heard.large["points expired early"]) - heard.tally.crowded_out
+    early = int(heard.large["points expired early"]) - heard.tally.evicted
     return [
         Promise(
             "/diagnostics of the running node count every cloud, every reason, every point",
@@ -138,7 +138,7 @@ def differences(heard: Heard) -> list[str]:
         "updates": tally.updates,
         "restarts": tally.restarts,
         "points late": tally.late,
-        "points expired early": tally.crowded_out,
+        "points expired early": tally.evicted,
         "points segmented": counts.segmented if counts else 0,
         "points isolated": counts.isolated if counts else 0,
         "points rejected": counts.rejected if counts else 0,

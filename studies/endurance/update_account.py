@@ -53,7 +53,7 @@ def _expected(
     """How many points the window must have, by what came, and by what is said of the others."""
     start = found.end_ns - round(config.window_duration * SECOND)
     stayed = 0 if before is None else int((before.times_ns > start).sum())
-    return stayed + len(group) - found.late - found.crowded_out
+    return stayed + len(group) - found.late - found.evicted
 
 
 def _not_finite(found: Segmentation) -> Iterator[str]:

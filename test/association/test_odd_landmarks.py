@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import worlds
 
-from ellipseg_ros.association.associate import associate, candidates
+from ellipseg_ros.association import candidates
+from ellipseg_ros.association.associate import associate
 from ellipseg_ros.association.landmark_map import LandmarkMap, check, no_landmarks
 from ellipseg_ros.config import MapConfig
 from ellipseg_ros.errors import InputError

@@ -43,7 +43,7 @@ def test_the_window_is_that_of_a_plain_model(limit):
         inside = [point for point in inside if point not in early]
         found = window.points
         assert list(zip(found.times_ns, found.arrival, strict=True)) == inside
-        assert (push.late, push.crowded_out) == (late, len(early))
+        assert (push.late, push.evicted) == (late, len(early))
         assert window.end_ns == end and window.start_ns >= end - length
         assert (found.times_ns > window.start_ns).all()
         assert early or window.start_ns == end - length
@@ -58,13 +58,13 @@ def test_a_crowded_window_equals_batch():
         found = segmenter.process(s)
         assert len(found.points) <= 150
         assert_batch(found, segmenter.config)
-        crowded += found.crowded_out
+        crowded += found.evicted
     assert crowded
 
 
 def test_a_cloud_beyond_the_limit_keeps_its_newest_points():
     found = Segmenter(Config(max_points=3)).process(sweep(5.0, 1.0, 4.0, 2.0, 4.0, 4.0, 4.0))
-    assert list(found.arrival) == [3, 4, 5] and found.crowded_out == 3
+    assert list(found.arrival) == [3, 4, 5] and found.evicted == 3
     assert found.start_ns < 4 * SECOND == found.end_ns
 
 

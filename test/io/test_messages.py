@@ -104,7 +104,7 @@ def plain_segments(found):
         rejected=int((found.labels == -2).sum()),
         thinned=int((found.labels == -3).sum()),
         late=found.late,
-        crowded_out=found.crowded_out,
+        evicted=found.evicted,
         full=True,
         sequence=found.sequence,
         segments=[plain_segment(found, row) for row in np.argsort(found.ids)],

@@ -66,7 +66,7 @@ def update():
         (lambda f: {"labels": np.append(f.labels[1:], np.int32(-1))}, "counts of the segments"),
         (lambda f: {"labels": f.labels + 10_000}, "labels that no segment has"),
         (lambda f: {"late": 1}, "should be in the window"),
-        (lambda f: {"crowded_out": -1}, "should be in the window"),
+        (lambda f: {"evicted": -1}, "should be in the window"),
         (lambda f: {"aicc": np.nan}, "AICc"),
         (
             lambda f: {"ellipsoids": replace(f.ellipsoids, mean=f.ellipsoids.mean * np.inf)},
@@ -178,8 +178,8 @@ def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
     segmenter = Segmenter(config)
     first = segmenter.process(with_fields(500))
     second = segmenter.process(with_fields(100, ("more", "u1", (300,)), second=1))
-    assert (first.crowded_out, len(first.points)) == (0, 500)
-    assert (second.crowded_out, len(second.points)) == (
+    assert (first.evicted, len(first.points)) == (0, 500)
+    assert (second.evicted, len(second.points)) == (
         500,
         100,
     )  # room for 320; one time, one fate

@@ -93,9 +93,9 @@ def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
     assert len(joined.sweep) == 8  # whole groups
     assert (joined.arrived, joined.sweep.restart) == (17.0, "a jump")
     whole, bounded = Window(), Window()
-    of_all = whole.push(join_sweeps([group.sweep for group in groups]), config).crowded_out
-    of_rest = bounded.push(joined.sweep, config).crowded_out
-    assert sum(one.crowded_out for one in said[1:]) + of_rest == of_all
+    of_all = whole.push(join_sweeps([group.sweep for group in groups]), config).evicted
+    of_rest = bounded.push(joined.sweep, config).evicted
+    assert sum(one.evicted for one in said[1:]) + of_rest == of_all
     assert bounded.points.position.tolist() == whole.points.position.tolist()
     assert bounded.points.times_ns.tolist() == whole.points.times_ns.tolist()
 

@@ -17,7 +17,7 @@ def clock(monkeypatch):
     return now
 
 
-def window(restart="", change="", late=0, crowded_out=0):
+def window(restart="", change="", late=0, evicted=0):
     """What an update has found."""
     return SimpleNamespace(
         restart=restart,
@@ -26,7 +26,7 @@ def window(restart="", change="", late=0, crowded_out=0):
         start_ns=0,
         end_ns=20 * SECOND,
         late=late,
-        crowded_out=crowded_out,
+        evicted=evicted,
         ids=range(7),
         criterion="shape",
         threshold=4.0,
@@ -75,7 +75,7 @@ def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
 def test_points_that_left_no_trace_are_told(clock):
     found = ready()
     found.cloud()
-    found.updated(window(late=3, crowded_out=40), 0.1, 0.2)
+    found.updated(window(late=3, evicted=40), 0.1, 0.2)
     report = found.report(0)
     assert report.level == WARN
     assert report.message == "max_points reached: 40 points expired early"
@@ -150,8 +150,8 @@ def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
 def test_points_that_expired_before_their_update_are_told_with_the_others(clock):
     found = ready()
     found.cloud()
-    found.overloaded(joined=1, given_up=0, crowded_out=30)
-    found.updated(window(crowded_out=10), 0.1, 0.2)
+    found.overloaded(joined=1, given_up=0, evicted=30)
+    found.updated(window(evicted=10), 0.1, 0.2)
     report = found.report(0)
     assert "max_points reached: 40 points expired early" in report.message
     assert report.values["points expired early"] == "40"
