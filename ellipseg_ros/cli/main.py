@@ -1,8 +1,9 @@
-"""`ellipseg COMMAND`: parse, run, and turn every expected error into one line."""
+"""`ellipseg COMMAND`: parse, run, and report every expected error in one line."""
 
 import os
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
@@ -12,54 +13,82 @@ from ellipseg_ros.node.shutdown import Farewell
 
 FAILED = 2  # exit code of every error that is not a bug; argparse uses it too
 INTERRUPTED = 128 + signal.SIGINT
-LAST_WORDS = "ellipseg: interrupted\n"
+# Packages that only some commands import, by the extra of setup.py that installs them.
+EXTRAS = {
+    "files": ("laspy", "lazrs", "pypcd4", "trimesh"),
+    "plots": ("PIL", "matplotlib"),
+    "dask": ("dask", "distributed"),
+}
 
 
 def program() -> int:
-    """The command `ellipseg`: Ctrl-C and SIGTERM end it, from here on, within 2 s."""
+    """The command `ellipseg`, as installed; returns the exit code."""
+    return run_program("ellipseg", _run)
+
+
+def run_program(name: str, run: Callable[[], int]) -> int:
+    """`run_guarded` for a whole process, which Ctrl-C or SIGTERM then ends within 2 s."""
+    interrupted = f"{name}: interrupted\n"
     farewell: Farewell | None = None
     try:
-        farewell = Farewell(INTERRUPTED, LAST_WORDS, _interrupt)
-        return farewell.end(main())
+        farewell = Farewell(INTERRUPTED, interrupted, _interrupt)
+        return farewell.end(run_guarded(name, run))
     except BaseException:
         if farewell is None or not farewell.asked:
             raise
         # An import that is interrupted may fail in any way.
-        sys.stderr.write(LAST_WORDS)
+        sys.stderr.write(interrupted)
         return farewell.end(INTERRUPTED)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns 0, or 1 (a check failed), 2 (an error), 130 (Ctrl-C)."""
-    args = None
+    return run_guarded("ellipseg", lambda: _run(argv))
+
+
+def run_guarded(name: str, run: Callable[[], int]) -> int:
+    """Call `run` and return its exit code; an expected error becomes a line of program `name`.
+
+    Expected are EllipsegError, OSError, and a missing package: code 2; and Ctrl-C: code 130.
+    """
     try:
-        parser = import_module("ellipseg_ros.cli.parser")
-        args = parser.build_parser().parse_args(argv)
-        command = import_module(f"ellipseg_ros.cli.{args.command}")  # numba, rclpy: only now
-        code = int(command.run(args))
-        sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
+        code = run()
+        sys.stdout.flush()  # here, where a full disk or a closed pipe can still be reported
         return code
     except EllipsegError as error:
-        _complain(str(error))
+        _report(name, str(error))
     except ModuleNotFoundError as error:
-        if args is None or not error.name or error.name.startswith("ellipseg_ros"):
+        if not error.name or error.name.startswith("ellipseg_ros"):
             raise
-        package = error.name.partition(".")[0]
-        _complain(f"{args.command} needs the package {package}; install it")
-    except BrokenPipeError:  # `ellipseg ... | head`: nobody is left to tell
+        _report(name, f"this needs the package {_how_to_install(error.name)}")
+    except BrokenPipeError:  # `ellipseg ... | head`: nothing can be written any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        _complain(_one_line(error))
+        _report(name, _one_line(error))
     except KeyboardInterrupt:
-        sys.stderr.write(LAST_WORDS)
+        sys.stderr.write(f"{name}: interrupted\n")
         return INTERRUPTED
     return FAILED
 
 
-def _complain(text: str) -> None:
-    """Say what is wrong, where that is possible: stderr may be on the disk that is full."""
+def _run(argv: list[str] | None = None) -> int:
+    """Parse, and run the module that is named like the command: it imports numba or rclpy."""
+    parser = import_module("ellipseg_ros.cli.parser")
+    args = parser.build_parser().parse_args(argv)
+    return int(import_module(f"ellipseg_ros.cli.{args.command}").run(args))
+
+
+def _how_to_install(module: str) -> str:
+    """The package of a module that cannot be imported, with the command that installs it."""
+    package = module.partition(".")[0]
+    extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+    return f"{package}: pip install {f'ellipseg_ros[{extra}]' if extra else package}"
+
+
+def _report(name: str, text: str) -> None:
+    """Write an error where that is possible: stderr may be on the disk that is full."""
     with suppress(OSError):
-        sys.stderr.write(f"ellipseg: {text}\n")
+        sys.stderr.write(f"{name}: {text}\n")
         sys.stderr.flush()
 
 
@@ -68,7 +97,7 @@ def _interrupt() -> NoReturn:
 
 
 def _one_line(error: OSError) -> str:
-    """What the system says, as "file: No space left on device"."""
+    """The reason of the system, as "file: No space left on device"."""
     reason = error.strerror or str(error)
     return f"{error.filename}: {reason}" if error.filename else reason
 

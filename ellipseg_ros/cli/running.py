@@ -1,32 +1,14 @@
-"""The node and a subscriber beside it, each in a process of its own, apart from everybody else."""
+"""ROS arguments and environment that isolate a node from other ROS programs."""
 
 import os
-import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Any
 
 from ellipseg_ros.cli.domains import claimed_domain
-from ellipseg_ros.cli.node_process import NodeProcess
-from studies.endurance.listener_process import Listening
 
 LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 START = 180.0  # s: imports, and the first compilation of all kernels
-
-
-@contextmanager
-def running(settings: dict[str, Any]) -> Iterator[tuple[Listening, NodeProcess, list[str]]]:
-    """The node and a subscriber, each in a process of its own, and `--ros-args` to reach them."""
-    with ExitStack() as stack:
-        ros_args = stack.enter_context(domain())
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        listener = stack.enter_context(Listening(ros_args))
-        args = [*ros_args, *parameters(settings)]
-        node = stack.enter_context(NodeProcess(args, folder / "node.log", listener.give_up))
-        node.start()
-        yield listener, node, ros_args
-        node.stop()
 
 
 def parameters(settings: dict[str, Any]) -> list[str]:

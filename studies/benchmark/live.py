@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain, environment, running
+from ellipseg_ros.cli.running import START, domain, environment
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.messages import Markers, write_segments
@@ -29,6 +29,7 @@ from ellipseg_ros.simulation.simulator import FIELDS, simulate
 from studies.benchmark.publishers import Probe
 from studies.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
 from studies.endurance.listener_process import Listening
+from studies.endurance.running import running
 from studies.report.timing import milliseconds, spread, timed
 
 BLOB = 30  # points of an ellipsoid that is published

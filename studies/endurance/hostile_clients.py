@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from ellipseg_ros.cli.running import START, running
+from ellipseg_ros.cli.running import START
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.records import SECOND, Sweep
@@ -20,6 +20,7 @@ from studies.endurance.fault_programs import said, started
 from studies.endurance.last_word import last_word
 from studies.endurance.promises import Promise, Trial
 from studies.endurance.ros.service_flood import AT_ONCE, BEGUN
+from studies.endurance.running import running
 
 FLOOD = (
     "import sys; from studies.endurance.ros.service_flood import main; "

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, running
+from ellipseg_ros.cli.running import START
 from ellipseg_ros.config import Config, NodeConfig, flatten
 from ellipseg_ros.records import SECOND
 from studies.endurance.clouds import Cloud, Header, Time, large_cloud, odd_cloud, serialized
@@ -11,6 +11,7 @@ from studies.endurance.conversion import Consumer, Tally
 from studies.endurance.last_word import last_word
 from studies.endurance.listener_process import Listening
 from studies.endurance.ros.sender import Sender
+from studies.endurance.running import running
 from studies.report.timing import timed
 
 CONFIG = Config(window_duration=2.0, update_period=0.3)

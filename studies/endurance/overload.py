@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from ellipseg_ros.cli.running import START, running
+from ellipseg_ros.cli.running import START
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.playback import ReplayOptions
@@ -17,6 +17,7 @@ from ellipseg_ros.ros.replayer import Replayer
 from studies.endurance.endless_drive import Tape
 from studies.endurance.last_word import last_word
 from studies.endurance.promises import Promise, Trial
+from studies.endurance.running import running
 
 PATIENCE = 120.0  # s for one update
 CALM = 0.5  # times the capacity: what comes before the end, for the recovery

@@ -249,7 +249,7 @@ def test_a_missing_package_is_named(run, monkeypatch):
     monkeypatch.delitem(sys.modules, "ellipseg_ros.cli.report", raising=False)
     code, _, err = run("segment", "sim:mixed")
     assert code == 2
-    assert err == "ellipseg: segment needs the package tqdm; install it\n"
+    assert err == "ellipseg: this needs the package tqdm: pip install tqdm\n"
 
 
 def test_a_full_disk_is_one_line(bag, tmp_path):
