@@ -1,1 +1,1 @@
-"""What all measurements share: the machine, memory, optional packages, tables, charts."""
+"""Shared by all studies: command line, timing, machine facts, pages, tables and charts."""

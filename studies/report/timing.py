@@ -1,35 +1,19 @@
-"""Times that a noisy machine cannot spoil: several runs, taken in turn, compared pair by pair."""
+"""Timing on a noisy machine: alternating runs, medians with quartiles, ratios of adjacent runs."""
 
 import gc
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Several measurements of one thing."""
-
-    median: float
-    low: float  # quartiles
-    high: float
-    runs: int
-
-    def as_json(self) -> dict[str, Any]:
-        """JSON-ready, to four digits."""
-        return {name: float(f"{value:.4g}") for name, value in asdict(self).items()} | {
-            "runs": self.runs
-        }
-
-
 def spread(values: list[float], scale: float = 1.0) -> dict[str, Any]:
-    """Median and quartiles of `values` times `scale`, JSON-ready."""
+    """Median and quartiles of `values` times `scale` to four digits, and their number."""
     low, median, high = np.percentile(np.array(values) * scale, [25, 50, 75])
-    return Spread(float(median), float(low), float(high), len(values)).as_json()
+    named = {"median": median, "low": low, "high": high}
+    return {name: float(f"{value:.4g}") for name, value in named.items()} | {"runs": len(values)}
 
 
 def milliseconds(seconds: list[float]) -> dict[str, Any]:
@@ -38,12 +22,12 @@ def milliseconds(seconds: list[float]) -> dict[str, Any]:
 
 
 def ratio(upper: list[float], lower: list[float]) -> dict[str, Any]:
-    """Median and quartiles of the ratios, each of two times measured right after one another."""
+    """Median and quartiles of the ratios of times that were measured one right after the other."""
     return spread([a / b for a, b in zip(upper, lower, strict=True)])
 
 
 def timed(call: Callable[[], Any]) -> tuple[float, Any]:
-    """Seconds that a call takes, and what it returns; garbage is collected before, not in it."""
+    """Seconds that a call takes, and its result; garbage is collected before, not during it."""
     gc.collect()
     gc.disable()
     try:
@@ -55,17 +39,18 @@ def timed(call: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def in_turn(
-    calls: dict[str, Callable[[], Any]], runs: int, patience: float = math.inf
+    calls: dict[str, Callable[[], Any]], runs: int, max_repeated_s: float = math.inf
 ) -> dict[str, list[float]]:
-    """Seconds of every call, `runs` times, one after the other and again.
+    """Seconds of every call in `runs` rounds, after a first round that is not counted.
 
-    Each is called once before; that counts only for a call that takes more than `patience` s, and
-    is its only run.
+    A call that takes more than `max_repeated_s` in the first round is not repeated: that time
+    is its only one.
     """
     first = {name: timed(call)[0] for name, call in calls.items()}
-    times = {name: [seconds] if seconds > patience else [] for name, seconds in first.items()}
-    again = [name for name, seconds in first.items() if seconds <= patience]
+    slow = {name for name, seconds in first.items() if seconds > max_repeated_s}
+    times = {name: [first[name]] if name in slow else [] for name in calls}
     for _ in range(runs):
-        for name in again:
-            times[name].append(timed(calls[name])[0])
+        for name in calls:
+            if name not in slow:
+                times[name].append(timed(calls[name])[0])
     return times

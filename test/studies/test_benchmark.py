@@ -199,7 +199,7 @@ def test_calls_take_turns_and_slow_ones_run_once():
     assert said == ["a", "b"] * 3
     assert {name: len(values) for name, values in times.items()} == {"a": 2, "b": 2}
     said.clear()
-    assert len(in_turn(calls, 2, patience=0.0)["a"]) == 1
+    assert len(in_turn(calls, 2, max_repeated_s=0.0)["a"]) == 1
     assert said == ["a", "b"]
 
 
