@@ -23,7 +23,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # Tests and demo talk to processes of this machine only.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test soak lint format clean
+.PHONY: help setup demo test bench evaluate paper soak lint format clean
 
 help:
 	@cat <<-'END'
@@ -31,7 +31,11 @@ help:
 	make demo             runs the main job on a simulated scene, results in demo/
 	make demo DATA=path   the same on a bag or a cloud of yours
 	make test             runs lint and all tests
-	make soak             tries the node long and hard, for an hour and a quarter
+	make bench            measures speed, latency and memory
+	make evaluate         measures partitions and landmarks against truth
+	make paper            draws the paper's figures and checks its findings
+	make soak             runs the endurance and fault-injection tests, 75 minutes
+	                      with options: make bench ARGS='--quick'
 	make lint             checks style and types
 	make format           formats the code
 	make clean            removes what the others have made
@@ -95,9 +99,19 @@ test: setup lint
 	NUMBA_CACHE_DIR="$$cache" $(BIN)/python -m pytest -n 2 --dist loadscope
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadscope -m nojit
 
-# An hour and a quarter; writes docs/reliability.md.
+# Studies; `python -m studies` lists them. Without ARGS all of it is measured and written.
+bench: setup
+	@$(BIN)/python -m studies.benchmark $(or $(ARGS),-o docs/results)
+
+evaluate: setup
+	@$(BIN)/python -m studies.partition $(or $(ARGS),-o results)
+	[ -n '$(ARGS)' ] || $(BIN)/python -m studies.landmarks -o results
+
+paper: setup
+	@$(BIN)/python -m studies.paper $(or $(ARGS),-o paper)
+
 soak: setup
-	@$(BIN)/ellipseg soak -o docs $(SUBJECTS)
+	@$(BIN)/python -m studies.endurance $(or $(ARGS),-o docs/results)
 
 lint: setup
 	@bad=

@@ -1,27 +1,18 @@
-"""The command line of a study: parser, common options, error messages and exit codes."""
+"""The command line of a study: parser, common options, and what is done with results."""
 
-import argparse
 import json
-import os
-import signal
-import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ellipseg_ros.cli.main import run_guarded
+from ellipseg_ros.cli.options import add_report_options, new_parser
 from ellipseg_ros.cli.report import say
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.atomic_files import write_text
 from studies import STUDIES
 from studies.report.page import Page, json_text
-
-FAILED = 2  # exit code of an expected error; argparse uses it too
-INTERRUPTED = 128 + signal.SIGINT
-SCENES = "woodland, industrial, roadway, mixed"
-SOURCES = (
-    "a bag (ROS 1 or 2), a cloud (pcd, ply, las, laz, npz) or a simulated scene (sim:industrial)"
-)
 
 Draw = Callable[[dict[str, Any], Path], None]
 
@@ -38,50 +29,12 @@ def run_command(
     2: an expected error, reported in one line. 130: interrupted with Ctrl-C.
     """
     measures, duration = STUDIES[name]
-    parser = ArgumentParser(
-        prog=f"python -m studies.{name}",
-        description=f"Measure {measures}. It takes about {duration}.",
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    about = f"Measure {measures}. A full run takes about {duration}."
+    parser = new_parser(f"python -m studies.{name}", about, examples)
     options(parser)
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for the results")
-    parser.add_argument("--json", action="store_true", help="print the results as JSON only")
-    parser.add_argument("-q", "--quiet", action="store_true", help="print errors only")
-    args = parser.parse_args(argv)
-    try:
-        code = run(args)
-        sys.stdout.flush()  # here, where a full disk can still be reported
-        return code
-    except KeyboardInterrupt:
-        return _fail(name, "interrupted", INTERRUPTED)
-    except BrokenPipeError:  # `... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
-    except (EllipsegError, ModuleNotFoundError, OSError) as error:
-        return _fail(name, _one_line(error), FAILED)
-
-
-def scene_options(parser: ArgumentParser) -> None:
-    """Options of sources: topic of a bag, seed and duration of a simulated scene."""
-    parser.add_argument("--topic", default="", help="of the clouds, if a bag has several")
-    group = parser.add_argument_group("simulated scenes")
-    group.add_argument("--seed", type=int, help="of the scene and of its noise")
-    group.add_argument("--duration", type=float, metavar="S", help="seconds of driving")
-
-
-def parameter_options(parser: ArgumentParser) -> None:
-    """Options that set any parameter of the node, for `cli.settings.read_settings`."""
-    group = parser.add_argument_group("settings", "the node's parameters; the later one wins")
-    group.add_argument("--params", metavar="FILE", help="YAML file, as for the node")
-    group.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="any parameter, repeatable: --set graph.neighbours=15",
-    )
-    parser.set_defaults(criterion=None, threshold=None)
+    add_report_options(parser)
+    return run_guarded(f"studies.{name}", lambda: run(parser.parse_args(argv)))
 
 
 def publish(
@@ -126,20 +79,3 @@ def read_results(path: Path, key: str) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         raise EllipsegError(f"{path} holds no results of this study") from error
     return results
-
-
-def _fail(name: str, message: str, code: int) -> int:
-    print(f"studies.{name}: {message}", file=sys.stderr, flush=True)
-    return code
-
-
-def _one_line(error: Exception) -> str:
-    """Text of an expected error; a missing extra is named, a bug of ours is raised again."""
-    if isinstance(error, ModuleNotFoundError):
-        package = (error.name or "").partition(".")[0]
-        if package in ("", "ellipseg_ros", "studies"):
-            raise error
-        return f"the package {package} is missing; install it"
-    if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: {error.strerror}"
-    return str(error)

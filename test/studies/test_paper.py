@@ -214,5 +214,5 @@ def test_the_study_begins_with_what_the_package_does(part, monkeypatch):
 
 
 def test_the_page_of_the_repository_follows_from_its_numbers():
-    facts = json.loads((ROOT / "docs" / "claims.json").read_text())
-    assert (ROOT / "docs" / "claims.md").read_text() == page(facts)
+    facts = json.loads((ROOT / "docs" / "results" / "paper.json").read_text())
+    assert (ROOT / "docs" / "results" / "paper.md").read_text() == page(facts)
