@@ -1,8 +1,8 @@
-"""Builds and installs ellipseg_ros, by pip and by colcon alike.
+"""Build and install ellipseg_ros, with pip or with colcon.
 
-An ament_python package can't define messages by the usual means: the ROS way is a package of
-their own, built by CMake. Here setup.py runs that CMake build, so that the node and its messages
-are one package, and `pip install .` works without a ROS installation.
+ROS has no ament_python package that defines messages: the convention is a separate message package
+built by CMake. Here setup.py runs that CMake build, so that the nodes and their messages are one
+package and `pip install .` works without a ROS installation.
 """
 
 import os
@@ -11,12 +11,14 @@ import subprocess
 import sys
 from glob import glob
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import Distribution, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 NAME = "ellipseg_ros"
 ROOT = Path(__file__).resolve().parent  # colcon runs a symlink of this file in its build folder
+MANIFEST = ElementTree.parse(ROOT / "package.xml").getroot()  # the one place of the version
 
 NODES = {
     "associator": "ellipseg_ros.ros.start:associator",
@@ -27,7 +29,7 @@ COMMANDS = {
     "ellipseg": "ellipseg_ros.cli.main:program",
 }
 
-# What of the generated code belongs below the install prefix.
+# Generated files with these prefixes are installed below the install prefix.
 GENERATED = (
     "bin/",
     "include/",
@@ -37,18 +39,34 @@ GENERATED = (
     "share/ament_index/resource_index/rosidl_interfaces/",
 )
 
+# Readers of .las, .laz, .pcd and .ply files.
+FILES = ["laspy[lazrs]", "pypcd4", "trimesh"]
+# Charts and pictures of the command line and of the studies.
+PLOTS = ["matplotlib", "pillow"]
+# Libraries that `python -m studies.benchmark` and `python -m studies.partition` compare with
+# (600 MB). PCL's region growing is not among them: it has no wheels.
+PEERS = [
+    "cut-pursuit-py",
+    "hdbscan",
+    "open3d-cpu",
+    "pgeof",
+    "scipy>=1.15",
+    "small_gicp",
+]
+DASK = ["distributed"]  # `ellipseg tune --scheduler`
+
 
 class BinaryDistribution(Distribution):
-    """Has compiled code, which setuptools can't tell by itself: CMake compiles it."""
+    """Distribution with compiled code, which CMake builds and setuptools cannot detect."""
 
     def has_ext_modules(self):
         return True
 
-    has_data = Distribution.has_data_files  # `pip install -e` asks by this name
+    has_data = Distribution.has_data_files  # the name that `pip install -e` calls
 
 
 class BuildMessages(build_ext):
-    """Generates and compiles the messages as CMakeLists.txt says, and installs them."""
+    """Generate and compile the messages with CMakeLists.txt, then install them."""
 
     def run(self):
         stage = Path(self.build_temp).resolve() / "stage"
@@ -56,7 +74,7 @@ class BuildMessages(build_ext):
         self.run_cmake(stage)
         self.write_scripts(stage)
 
-        # Python: beside the hand-written modules; in the checkout for `pip install -e` and
+        # Python code goes beside the other modules; into the checkout for `pip install -e` and
         # `colcon build --symlink-install`.
         package = (ROOT if self.inplace else Path(self.build_lib)) / NAME
         generated = stage / "python" / NAME
@@ -66,19 +84,19 @@ class BuildMessages(build_ext):
         for library in generated.glob("*.so"):
             shutil.copy2(library, package)
 
-        # The rest: below the install prefix, where ROS, C++ packages and the loader look.
+        # Other files go below the install prefix, where ROS, C++ packages and the loader search.
         for path in sorted(stage.rglob("*")):
             target = path.relative_to(stage)
             if path.is_file() and str(target).startswith(GENERATED):
                 self.distribution.data_files.append((str(target.parent), [os.path.relpath(path)]))
 
     def run_cmake(self, stage):
-        """Let CMake install the generated code to the folder `stage`."""
+        """Run CMake and install the generated code to the folder `stage`."""
         try:
-            import ament_package  # lies in the prefix of ROS: from PyPI, apt or source
+            import ament_package  # installed in the prefix of ROS: from PyPI, apt or source
         except ModuleNotFoundError as error:
             raise SystemExit(
-                "ellipseg_ros: no ROS 2 to build with; source its setup.bash before colcon, "
+                "ellipseg_ros: ROS 2 was not found; source its setup.bash before colcon, "
                 "or use pip without --no-build-isolation"
             ) from error
 
@@ -104,10 +122,10 @@ class BuildMessages(build_ext):
         subprocess.run(["cmake", "--build", build, "--target", "install"], env=env, check=True)
 
     def write_scripts(self, stage):
-        """Add the scripts that the installer doesn't put where they are looked for.
+        """Add the scripts that the installer omits.
 
-        pip puts all of them in bin/, but `ros2 run` and launch files look in lib/<package>/;
-        colcon puts all of them there (setup.cfg), but a shell looks in bin/.
+        pip installs all scripts in bin/, but `ros2 run` and launch files search lib/<package>/;
+        colcon installs all of them there (setup.cfg), but a shell searches bin/.
         """
         by_pip = self.distribution.get_command_obj("bdist_wheel", create=False)
         folder, scripts = (f"lib/{NAME}", NODES) if by_pip else ("bin", COMMANDS)
@@ -124,8 +142,8 @@ class BuildMessages(build_ext):
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="Segments a registered lidar stream into ellipsoids while the vehicle drives.",
+    version=MANIFEST.findtext("version"),
+    description="Online segmentation of registered lidar streams into ellipsoids, for ROS 2.",
     maintainer="ellipseg_ros maintainers",
     maintainer_email="maintainers@ellipseg.example.com",
     license="Apache-2.0",
@@ -142,12 +160,8 @@ setup(
     python_requires=">=3.10",
     install_requires=[
         "PyYAML",
-        "laspy[lazrs]",
-        "matplotlib",
-        "numba",
+        "numba>=0.60,<0.69",  # the versions that were tested: CONTRIBUTING.md
         "numpy",
-        "pillow",
-        "pypcd4",
         "ros-jazzy-builtin-interfaces",
         "ros-jazzy-diagnostic-msgs",
         "ros-jazzy-geometry-msgs",
@@ -161,36 +175,29 @@ setup(
         "ros-jazzy-visualization-msgs",
         "rosbags",
         "tqdm",
-        "trimesh",
     ],
     extras_require={
-        # `ellipseg bench` compares with these; what is not there it names. 600 MB, so `make setup`
-        # leaves them out, but for the small ones, which are among those of the tests.
-        "bench": [
-            "hdbscan",
-            "open3d-cpu",
-            "scipy>=1.15",
-            "small_gicp",
-        ],
-        "dask": ["distributed"],  # `ellipseg tune --scheduler`
-        # `ellipseg evaluate partition` compares with these, as large again. PCL's region
-        # growing is not among them: it has no wheels.
-        "evaluate": [
-            "cut-pursuit-py",
-            "hdbscan",
-            "open3d-cpu",
-            "pgeof",
-            "scipy>=1.15",
-        ],
+        "files": FILES,
+        "plots": PLOTS,
+        "page": PLOTS,  # pages of docs/results, written by the studies
+        "peers": PEERS,
+        "dask": DASK,
         "slam": ["gtsam"],  # examples/close_loop.py
-        # The tests run colcon, so they need the build requirements of pyproject.toml too; `make
-        # setup` installs both. Other versions of mypy and ruff have other opinions.
+        "docs": ["furo", "myst-parser", "sphinx"],  # `make docs`
+        # Tests and the demo; they run colcon, so they also need the build requirements of
+        # pyproject.toml; `make setup` installs both. mypy and ruff are pinned because their
+        # checks differ between versions.
         "test": [
+            *FILES,
+            *PLOTS,
+            *DASK,
+            "codespell",
             "colcon-common-extensions",
-            "distributed",
+            "coverage",
             "hypothesis",
             "mypy==2.4.1",
             "pytest",
+            "pytest-cov",
             "pytest-xdist",
             "ruff==0.17.6",
             "scipy>=1.15",

@@ -1,87 +1,126 @@
-"""Dependencies point one way: cli -> ros -> io -> the rest -> core -> data -> config -> errors."""
+"""Dependencies point one way: from studies and edges through the pipeline to core and records."""
 
 import ast
 import sys
 from pathlib import Path
 
 import pytest
+from sources import GENERATED, PACKAGE, ROOT, imported_modules, is_ros, parse, python_files
 
-PACKAGE = Path(__file__).resolve().parents[2] / "ellipseg_ros"
-SOURCES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent.name != "msg")
+SOURCES = python_files("ellipseg_ros")
 
-# From the bottom to the top; a module of the package itself that isn't named is in "".
-LAYERS = ["errors", "config", "data", "core", "", "io", "ros", "cli"]
-
-COMMANDS = ("benchmark", "comparison", "paper", "reliability", "twopasses")  # in all but name
-
-# Who may import what; what isn't named here is for everybody.
-ONLY_IN = {
-    "ellipseg_ros.msg": ["ros/"],
-    "distributed": ["tuning/parallel.py"],
-    "matplotlib": [
-        "plots.py",
-        "charts.py",
-        "benchmark/picture.py",
-        "comparison/picture.py",
-        "comparison/scale_picture.py",
-        "measuring/charts.py",
-        "paper/figures.py",
-        "twopasses/picture.py",
-    ],
-    "rclpy": ["ros/"],
-    "rosbags": ["io/bag.py", "io/bag_writer.py", "io/samples.py"],
-    "small_gicp": ["core/neighbours.py", "cli/"],
-    "tqdm": ["cli/"],
-    "yaml": ["cli/", "reliability/fault_files.py"],
-    "laspy": ["io/cloud.py", "io/samples.py"],
-    "pypcd4": ["io/cloud.py", "io/samples.py"],
-    "trimesh": ["io/cloud.py"],
+# A module imports from its own layer and from the layers before it.
+LAYERS = [
+    {"errors"},
+    {"config"},
+    {"records"},
+    {"core"},
+    {"landmarks", "objects"},
+    {"association", "result", "segmenter"},
+    {"io", "node", "simulation", "tuning"},
+    {"doctor", "plots"},
+    {"ros"},
+    {"cli"},
+]
+# Imports against the layers, as (file, module).
+EXCEPTIONS: set[tuple[str, str]] = {
+    ("segmenter.py", "ellipseg_ros.node.grouping"),
+    ("landmarks/of_segmentation.py", "ellipseg_ros.result"),
 }
-# The core computes: no clock, no files, no log.
+
+# Where a package may be imported; one that is not listed may be imported anywhere.
+ONLY_IN = {
+    "PIL": "plots/",
+    "distributed": "tuning/parallel.py",
+    "laspy": "io/formats/",
+    "matplotlib": "plots/",
+    "numba": ("core/", "doctor/"),
+    "pypcd4": "io/formats/",
+    "rosbags": "io/",
+    "tqdm": "cli/",
+    "trimesh": "io/formats/",
+    "yaml": "cli/",
+}
 NOT_IN_CORE = {"datetime", "io", "logging", "pathlib", "time", "warnings"}
-ALSO_IN_CORE = {"numba", "numpy", "scipy", "small_gicp"}
+THIRD_PARTY_OF_CORE = {"numba", "numpy", "scipy"}
+WITH_FILES = {"jit.py", "kernel_cache.py"}  # numba's cache of compiled kernels
 
 
-def is_message_package(name):
-    return name.endswith(("_msgs", "_srvs", "_interfaces"))
+def layer_of(module: str) -> int:
+    """Index of the layer of a module named below the package, such as core.merge."""
+    top = module.partition(".")[0]
+    return next(index for index, names in enumerate(LAYERS) if top in names)
 
 
-def imported(path):
-    """All modules that a file names in its imports, those within functions too."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield node.module
-            if node.module == "ellipseg_ros":
-                yield from (f"ellipseg_ros.{alias.name}" for alias in node.names)
+def local_imports(path: Path) -> set[str]:
+    """Modules of this package that a file imports, without the generated messages."""
+    return {
+        name
+        for name in imported_modules(path)
+        if name.startswith("ellipseg_ros.") and not name.startswith("ellipseg_ros.msg")
+    }
 
 
-def layer(parts):
-    """The number of the layer of a module, given the parts of its name below the package."""
-    name = "cli" if parts[0] in COMMANDS else parts[0]
-    return LAYERS.index(name if name in LAYERS else "")
+def test_every_module_belongs_to_a_layer() -> None:
+    tops = {path.relative_to(PACKAGE).with_suffix("").parts[0] for path in SOURCES}
+    assert tops - {"__init__"} == set().union(*LAYERS)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_a_module_imports_only_what_its_layer_may(path):
-    place = path.relative_to(PACKAGE)
-    own = layer(place.with_suffix("").parts)
-    for name in imported(path):
-        top, _, below = name.partition(".")
-        if top == "ellipseg_ros" and below and not below.startswith("msg"):
-            assert layer(below.split(".")) <= own, f"{place} imports {name}"
-        for restricted, places in ONLY_IN.items():
-            if name == restricted or name.startswith(restricted + "."):
-                assert str(place).startswith(tuple(places)), f"{place} imports {name}"
-        if is_message_package(top):
-            assert place.parts[0] == "ros", f"{place} imports {name}"
+def test_modules_import_only_from_their_own_and_lower_layers() -> None:
+    violations = set()
+    for path in SOURCES:
+        place = path.relative_to(PACKAGE)
+        if path.parent == PACKAGE and place.stem == "__init__":
+            continue  # the table of public names
+        own = layer_of(place.with_suffix("").parts[0])
+        for name in local_imports(path):
+            if layer_of(name.removeprefix("ellipseg_ros.")) > own:
+                violations.add((place.as_posix(), name))
+    assert violations == EXCEPTIONS
+
+
+def test_the_package_never_imports_studies() -> None:
+    assert not [
+        path for path in SOURCES for name in imported_modules(path) if name.startswith("studies")
+    ]
+
+
+def test_ros_is_imported_only_in_ros_folders() -> None:
+    for path in SOURCES + python_files("studies"):
+        for name in imported_modules(path):
+            if is_ros(name.partition(".")[0]) or name.startswith("ellipseg_ros.msg"):
+                assert "ros" in path.relative_to(ROOT).parts[1:-1], f"{path} imports {name}"
+
+
+def test_third_party_packages_are_imported_only_in_their_places() -> None:
+    for path in SOURCES:
+        place = path.relative_to(PACKAGE).as_posix()
+        for name in imported_modules(path):
+            allowed = ONLY_IN.get(name.partition(".")[0], "")
+            assert place.startswith(allowed), f"{place} imports {name}"
+
+
+def test_core_imports_only_what_computes() -> None:
+    for path in python_files("ellipseg_ros/core"):
+        tops = {name.partition(".")[0] for name in imported_modules(path)} - {"ellipseg_ros"}
+        assert tops - set(sys.stdlib_module_names) <= THIRD_PARTY_OF_CORE, path
+        assert path.name in WITH_FILES or not tops & NOT_IN_CORE, path
+
+
+def test_only_the_command_line_prints() -> None:
+    for path in SOURCES:
+        if path.relative_to(PACKAGE).parts[0] != "cli":
+            calls = [node.func for node in ast.walk(parse(path)) if isinstance(node, ast.Call)]
+            names = {func.id for func in calls if isinstance(func, ast.Name)}
+            assert "print" not in names, path
 
 
 @pytest.mark.parametrize(
-    "path", [path for path in SOURCES if path.parent.name == "core"], ids=lambda path: path.name
+    ("module", "lower"), [("cli.main", "ros.start"), ("core.merge", "records"), ("io.bag", "core")]
 )
-def test_the_core_only_computes(path):
-    tops = {name.split(".")[0] for name in imported(path)} - {"ellipseg_ros"}
-    assert tops - set(sys.stdlib_module_names) <= ALSO_IN_CORE
-    assert not tops & NOT_IN_CORE
+def test_order_of_the_layers(module: str, lower: str) -> None:
+    assert layer_of(module) > layer_of(lower)
+
+
+def test_generated_messages_are_not_among_the_sources() -> None:
+    assert SOURCES and not [path for path in SOURCES if GENERATED in path.parents]

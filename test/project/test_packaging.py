@@ -1,46 +1,46 @@
-"""The package's description agrees with itself and with the code."""
+"""setup.py, package.xml, pyproject.toml and CMakeLists.txt agree with each other and the code."""
 
-import ast
-import re
+import importlib
 import runpy
 import sys
 import tokenize
-from pathlib import Path
+from importlib.metadata import EntryPoint
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 import setuptools
+from docutils import nodes
+from docutils.core import publish_doctree
+from packaging.requirements import Requirement
+from rosbags.typesys import get_types_from_msg
+from setuptools.config.pyprojecttoml import load_file
+from sources import ROOT, is_ros, python_files, third_party
 
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = sorted(
-    path for path in (ROOT / "ellipseg_ros").rglob("*.py") if path.parent.name != "msg"
-)
-LAUNCH_FILES = sorted((ROOT / "launch").glob("*.py"))
-TESTS = sorted((ROOT / "test").rglob("*.py"))
+SOURCES = python_files("ellipseg_ros")
+LAUNCH_FILES = python_files("launch")
+TESTS = python_files("test")
 MESSAGES = sorted((ROOT / "msg").glob("*.msg"))
 
-# Where the name of an import isn't that of the package on PyPI.
+# PyPI names that differ from the imported name.
 ON_PYPI = {"PIL": "pillow", "yaml": "PyYAML"}
-# Where the key of rosdep isn't python3-<name>. None: there is no key; package.xml says so.
+# rosdep keys that are not python3-<imported name>. All keys were found in rosdep's python.yaml.
 IN_ROSDEP = {
     "PIL": "python3-pil",
-    "distributed": None,
-    "laspy": None,
-    "pypcd4": None,
     "rosbags": "python3-rosbags-pip",
-    "small_gicp": None,
     "trimesh": "python3-trimesh-pip",
 }
-# Imported only where somebody has installed the extra.
-OPTIONAL = {"distributed", "small_gicp"}
-# Needed without an import: by the generated code of the messages.
+EXTRAS = {"files", "plots", "page", "peers", "dask", "slam", "docs", "test"}
+# Imported only by commands and formats that need an extra.
+OPTIONAL = {"PIL", "distributed", "laspy", "matplotlib", "pypcd4", "trimesh"}
+# Needed by the generated code of the messages, without an import of ours.
 WITHOUT_IMPORT = {"ros-jazzy-rosidl-default-runtime"}
 
 
 @pytest.fixture(scope="module")
-def description():
+def description() -> dict[str, Any]:
     """The arguments that setup.py calls setup() with."""
-    arguments = {}
+    arguments: dict[str, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
         patch.setattr(setuptools, "setup", arguments.update)
@@ -49,55 +49,77 @@ def description():
 
 
 @pytest.fixture(scope="module")
-def manifest():
+def manifest() -> ElementTree.Element:
+    """The root element of package.xml."""
     return ElementTree.parse(ROOT / "package.xml").getroot()
 
 
-def imports(paths):
-    """The top-level names that the files import, but for Python's own and the package's."""
-    found = set()
-    for path in paths:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                found.add(node.module.split(".")[0])
-    return found - set(sys.stdlib_module_names) - {"ellipseg_ros"}
+@pytest.fixture(scope="module")
+def build_requirements() -> set[str]:
+    """Names of the packages in pyproject.toml that the build needs."""
+    return names_of(load_file(ROOT / "pyproject.toml")["build-system"]["requires"])
 
 
-def is_ros(name):
-    return name == "rclpy" or name.endswith(("_msgs", "_srvs", "_interfaces"))
+def names_of(requirements: list[str]) -> set[str]:
+    """Package names without versions and extras."""
+    return {Requirement(line).name for line in requirements}
 
 
-def bare(requirement):
-    """The name in a requirement such as `setuptools>=70` or `rclpy[fastrtps]`."""
-    return re.match(r"[\w.-]+", requirement).group()
-
-
-def message_packages():
+def message_packages() -> set[str]:
     """The packages of the types of the messages' fields."""
-    texts = [path.read_text(encoding="utf-8") for path in MESSAGES]
-    return {name for text in texts for name in re.findall(r"^(\w+)/\w+", text, re.MULTILINE)}
+    packages = set()
+    for path in MESSAGES:
+        name = f"ellipseg_ros/msg/{path.stem}"
+        _, fields = get_types_from_msg(path.read_text(encoding="utf-8"), name)[name]
+        packages |= {package for _, field in fields for package in packages_in(field)}
+    return packages - {"ellipseg_ros"}
 
 
-def on_pypi(name):
+def packages_in(field: Any) -> set[str]:
+    """The packages named in a rosbags field description: nested (kind, details) tuples."""
+    if isinstance(field, str):
+        package, separator, _ = field.partition("/msg/")
+        return {package} if separator else set()
+    if isinstance(field, tuple):
+        return {package for part in field for package in packages_in(part)}
+    return set()
+
+
+def on_pypi(name: str) -> str:
+    """PyPI name of an imported package."""
     return f"ros-jazzy-{name.replace('_', '-')}" if is_ros(name) else ON_PYPI.get(name, name)
 
 
-def in_rosdep(name):
+def in_rosdep(name: str) -> str:
+    """Key in rosdep of an imported package."""
     if is_ros(name) or name.startswith("launch"):
         return name
     return IN_ROSDEP.get(name, f"python3-{name}")
 
 
-def keys(manifest, *tags):
-    return {element.text for tag in tags for element in manifest.iter(tag)}
+def keys(manifest: ElementTree.Element, *tags: str) -> set[str]:
+    """The texts of all elements with one of the tags."""
+    return {element.text or "" for tag in tags for element in manifest.iter(tag)}
 
 
-def test_the_version_is_the_same_everywhere(description, manifest):
-    changelog = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
-    newest = re.search(r"^(\d+\.\d+\.\d+) \(.+\)\n-+$", changelog, re.MULTILINE).group(1)
-    assert description["version"] == manifest.findtext("version") == newest
+def test_the_version_is_read_from_the_manifest(description, manifest):
+    assert description["version"] == manifest.findtext("version")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
+    assert f"version: {manifest.findtext('version')}" in citation
+
+
+def test_the_changelog_has_the_catkin_form_and_is_grouped_by_kind(manifest):
+    text = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+    document = publish_doctree(text, settings_overrides={"doctitle_xform": False})
+    heading, *sections = document.findall(nodes.section)
+    assert heading.next_node(nodes.title).astext() == "Changelog for package ellipseg_ros"
+    titles = [section.next_node(nodes.title).astext() for section in sections]
+    assert titles[0] == "Forthcoming" or titles[0].split()[0] == manifest.findtext("version")
+    for section in sections:
+        kinds = section.next_node(nodes.bullet_list).children
+        names = [kind.next_node(nodes.paragraph).astext() for kind in kinds]
+        assert names and set(names) <= {"Added", "Changed", "Fixed", "Removed"}
+        assert all(kind.next_node(nodes.bullet_list) for kind in kinds)
 
 
 def test_name_maintainer_and_licence_are_the_same(description, manifest):
@@ -108,86 +130,117 @@ def test_name_maintainer_and_licence_are_the_same(description, manifest):
     assert (ROOT / manifest.find("license").get("file")).is_file()
 
 
-def test_every_folder_with_code_is_installed(description):
+def test_every_folder_with_code_is_installed_and_no_study(description):
     folders = {path.parent.relative_to(ROOT).as_posix().replace("/", ".") for path in SOURCES}
     assert set(description["packages"]) == folders
 
 
 def test_every_config_launch_and_message_file_is_installed(description):
     installed = {source for _, sources in description["data_files"] for source in sources}
-    folders = (ROOT / "config", ROOT / "launch")
-    wanted = {
-        str(path.relative_to(ROOT))
-        for folder in folders
-        for path in folder.rglob("*")
+    files = {
+        path.relative_to(ROOT).as_posix()
+        for folder in ("config", "launch")
+        for path in (ROOT / folder).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    assert wanted <= installed
-    cmake = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
-    assert re.findall(r"msg/\w+\.msg", cmake) == [f"msg/{path.name}" for path in MESSAGES]
+    assert files <= installed
+    words = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8").split()
+    assert [w for w in words if w.startswith("msg/")] == [f"msg/{path.name}" for path in MESSAGES]
 
 
-def test_every_script_names_a_function_that_is_there(description):
+def test_every_script_calls_an_existing_function(description):
     for script in description["entry_points"]["console_scripts"]:
-        name, module, function = re.fullmatch(r"(\w+) = ([\w.]+):(\w+)", script).groups()
-        path = ROOT / (module.replace(".", "/") + ".py")
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        functions = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
-        assert function in functions, f"{name} calls {module}:{function}"
+        name, _, value = script.partition(" = ")
+        assert callable(EntryPoint(name, value, "console_scripts").load()), script
 
 
-def test_pip_installs_what_the_code_imports_and_no_more(description):
-    used = {on_pypi(name) for name in imports(SOURCES) | message_packages()}
-    required = {bare(line) for line in description["install_requires"]}
+def test_pip_installs_what_the_package_imports_and_no_more(description):
+    used = {on_pypi(name) for name in (third_party(SOURCES) | message_packages()) - OPTIONAL}
+    assert used == names_of(description["install_requires"]) - WITHOUT_IMPORT
+
+
+def test_the_extras_install_the_optional_imports(description):
     extras = description["extras_require"]
-    optional = {bare(line) for name in ("bench", "dask") for line in extras[name]}
-    assert used - optional == required - WITHOUT_IMPORT
+    assert set(extras) == EXTRAS
+    offered = names_of([*extras["files"], *extras["plots"], *extras["dask"]])
+    assert {on_pypi(name) for name in OPTIONAL} == offered
+    assert offered <= names_of(extras["test"])  # `make setup` suffices for tests and demo
 
 
-def test_pip_installs_what_the_tests_import(description):
-    used = {on_pypi(name) for name in imports(TESTS) - {path.stem for path in TESTS}}
+def test_pip_installs_what_the_tests_import(description, build_requirements):
+    own = {path.stem for path in TESTS} | {"docutils", "gtsam", "packaging"}
+    used = {on_pypi(name) for name in third_party(TESTS) - own}
     lines = description["install_requires"] + description["extras_require"]["test"]
-    assert used - {"setuptools"} <= {bare(line) for line in lines}  # setuptools: pyproject.toml
+    assert used <= names_of(lines) | build_requirements
 
 
-def test_rosdep_installs_what_the_code_imports_and_no_more(manifest):
-    names = imports(SOURCES + LAUNCH_FILES) | message_packages()
-    unimported = {"rosidl_default_runtime", "rviz2"}  # for C++; run by a launch file
-    required = keys(manifest, "exec_depend", "depend") - unimported
-    assert {in_rosdep(name) for name in names} - {None} == required
-    remark = (ROOT / "package.xml").read_text(encoding="utf-8")
-    without_key = {name for name in names - OPTIONAL if in_rosdep(name) is None}
-    assert all(name in remark for name in without_key)
+def test_rosdep_installs_what_the_package_imports_and_no_more(manifest):
+    names = (third_party(SOURCES + LAUNCH_FILES) | message_packages()) - OPTIONAL
+    without_import = {"rosidl_default_runtime", "rviz2"}  # for C++; run by a launch file
+    required = keys(manifest, "exec_depend", "depend") - without_import
+    assert {in_rosdep(name) for name in names} == required
 
 
-def test_the_packages_of_the_messages_are_there_to_build_with(manifest):
-    wanted = message_packages()
-    assert wanted <= keys(manifest, "depend")
+def test_the_packages_of_the_messages_are_there_to_build_with(manifest, build_requirements):
+    packages = message_packages()
+    assert packages <= keys(manifest, "depend")
     cmake = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
-    found = set(re.findall(r"find_package\((\w+) REQUIRED\)", cmake))
-    assert wanted <= found
-    assert set(re.search(r"DEPENDENCIES ([\w ]+)", cmake).group(1).split()) == wanted
-    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    for name in found:
-        assert f'"ros-jazzy-{name.replace("_", "-")}"' in pyproject
+    for name in packages | {"ament_cmake", "rosidl_default_generators"}:
+        assert f"find_package({name} REQUIRED)" in cmake
+        assert f"ros-jazzy-{name.replace('_', '-')}" in build_requirements
+    assert f"DEPENDENCIES {' '.join(sorted(packages))}" in cmake
 
 
-@pytest.mark.parametrize("path", MESSAGES, ids=lambda path: path.name)
-def test_every_field_of_a_message_has_a_comment_above_it(path):
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines[0].startswith("# ")
-    for above, line in zip(["", *lines], lines, strict=False):
-        if line and not line.startswith("#"):
-            assert above.startswith("# "), f"{path.name}: {line}"
-            assert "#" not in line, f"{path.name}: {line}: `ros2 interface show` mangles it"
+def test_every_field_of_a_message_has_a_comment_above_it():
+    for path in MESSAGES:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert lines[0].startswith("# ")
+        for above, line in zip(["", *lines], lines, strict=False):
+            if line and not line.startswith("#"):
+                assert above.startswith("# "), f"{path.name}: {line}"
+                # `ros2 interface show` mangles comments behind a field.
+                assert "#" not in line, f"{path.name}: {line}"
 
 
-def test_no_check_is_switched_off_without_a_reason_beside_it():
-    mark = re.compile(r"#\s*(noqa|type:\s*ignore|pragma)")
-    reasoned = re.compile(r"# (noqa: [A-Z]+\d+(, [A-Z]+\d+)*|type: ignore\[[\w, -]+\])\W+\w.{7,}")
-    for path in [ROOT / "setup.py", *SOURCES, *LAUNCH_FILES, *TESTS]:
+def test_every_disabled_check_has_a_reason_beside_it():
+    for path in [ROOT / "setup.py", *SOURCES, *LAUNCH_FILES, *python_files("studies"), *TESTS]:
         with path.open(encoding="utf-8") as file:
             for token in tokenize.generate_tokens(file.readline):
-                if token.type == tokenize.COMMENT and mark.search(token.string):
+                if token.type == tokenize.COMMENT and disables_a_check(token.string):
                     where = f"{path.relative_to(ROOT)}:{token.start[0]}: {token.string}"
-                    assert reasoned.search(token.string), where
+                    assert has_rule_and_reason(token.string), where
+
+
+def disables_a_check(comment: str) -> bool:
+    """Whether a comment switches off a check of ruff, mypy or coverage."""
+    words = comment.lstrip("# ")
+    return words.startswith(("noqa", "type: ignore", "pragma"))
+
+
+def has_rule_and_reason(comment: str) -> bool:
+    """Whether a comment such as `# noqa: N806, a customary name` names a rule and a reason."""
+    if "ignore[" in comment:
+        reason = comment.partition("]")[2]
+    else:
+        _, colon, rest = comment.lstrip("# ").partition(": ")
+        rule, *words = rest.split()
+        if not colon or not rule[0].isupper():
+            return False
+        reason = " ".join(word for word in words if not word.rstrip(",")[-1].isdigit())
+    return len(reason.strip("#, ")) > 7
+
+
+def test_comments_that_disable_checks_are_recognized():
+    assert disables_a_check("# noqa: F401") and disables_a_check("#type: ignore[misc]")
+    assert not disables_a_check("# the noqa of the line above")
+    assert has_rule_and_reason("# noqa: N806  # customary name")
+    assert has_rule_and_reason("# noqa: N806, a customary name")
+    assert has_rule_and_reason("# type: ignore[misc]  # untyped decorator")
+    for without in ("# noqa: N806", "# noqa: N806, N802", "# noqa: customary name"):
+        assert not has_rule_and_reason(without)
+    assert not has_rule_and_reason("# type: ignore[misc]")
+
+
+def test_setup_py_needs_nothing_but_setuptools():
+    assert third_party([ROOT / "setup.py"]) <= {"ament_package", "setuptools"}
+    assert importlib.util.find_spec("setuptools") and sys.version_info >= (3, 10)

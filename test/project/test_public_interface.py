@@ -1,0 +1,49 @@
+"""The public interface of the package: the names that `ellipseg_ros` offers."""
+
+import ast
+import subprocess
+import sys
+
+import ellipseg_ros
+from ellipseg_ros import Config, Segmenter, segment
+
+
+def test_every_public_name_resolves() -> None:
+    for name in ellipseg_ros.__all__:
+        assert getattr(ellipseg_ros, name).__name__ == name
+    assert set(ellipseg_ros.__all__) <= set(dir(ellipseg_ros))
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    assert not hasattr(ellipseg_ros, "segmentt")
+
+
+def test_public_names_are_those_of_their_modules() -> None:
+    assert Segmenter is sys.modules["ellipseg_ros.segmenter"].Segmenter
+    assert segment is sys.modules["ellipseg_ros.segmenter"].segment
+    assert Config is sys.modules["ellipseg_ros.config"].Config
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    with open(ellipseg_ros.__file__, encoding="utf-8") as file:
+        tree = ast.parse(file.read())
+    imports = next(node for node in tree.body if isinstance(node, ast.If)).body
+    names = {
+        f"{node.module}.{alias.name}"
+        for node in imports
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert names == {
+        f"ellipseg_ros.{module}.{name}" for name, module in ellipseg_ros._MODULES.items()
+    }
+
+
+def test_import_of_the_package_loads_nothing_heavy() -> None:
+    program = "import sys, ellipseg_ros; print(*sorted(sys.modules))"
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    loaded = set(result.stdout.split())
+    assert "ellipseg_ros" in loaded
+    assert not loaded & {"matplotlib", "numba", "numpy", "rclpy", "rosbags", "scipy", "yaml"}
