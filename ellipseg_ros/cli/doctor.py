@@ -51,10 +51,10 @@ def _load() -> tuple[str, str]:
 
 
 def _graph(args: Namespace, surroundings: environment.Environment) -> list[Finding]:
-    from ellipseg_ros.ros.graph_probe import Observer  # only here: it needs what _load has tried
+    from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs what _load has tried
 
     try:
-        with Observer(args.topic, args.namespace) as observer:
+        with GraphProbe(args.topic, args.namespace) as observer:
             seen = observer.observe(args.seconds)
     except EllipsegError as error:
         return [Finding(ERROR, str(error), "mend what is said above, or the names given")]

@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.shutdown import Farewell
+from ellipseg_ros.node.shutdown import ShutdownHandler
 
 FAILED = 2  # exit code of every error that is not a bug; argparse uses it too
 INTERRUPTED = 128 + signal.SIGINT
@@ -29,16 +29,16 @@ def program() -> int:
 def run_program(name: str, run: Callable[[], int]) -> int:
     """`run_guarded` for a whole process, which Ctrl-C or SIGTERM then ends within 2 s."""
     interrupted = f"{name}: interrupted\n"
-    farewell: Farewell | None = None
+    shutdown: ShutdownHandler | None = None
     try:
-        farewell = Farewell(INTERRUPTED, interrupted, _interrupt)
-        return farewell.end(run_guarded(name, run))
+        shutdown = ShutdownHandler(INTERRUPTED, interrupted, _interrupt)
+        return shutdown.finish(run_guarded(name, run))
     except BaseException:
-        if farewell is None or not farewell.asked:
+        if shutdown is None or not shutdown.requested:
             raise
         # An import that is interrupted may fail in any way.
         sys.stderr.write(interrupted)
-        return farewell.end(INTERRUPTED)
+        return shutdown.finish(INTERRUPTED)
 
 
 def main(argv: list[str] | None = None) -> int:

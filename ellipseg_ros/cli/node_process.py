@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.memory import held_mb, peak_mb
+from ellipseg_ros.node.memory import peak_mb, resident_mb
 
 START = """
 import ctypes, signal, sys
@@ -60,7 +60,7 @@ class NodeProcess:
     def memory_mb(self) -> float:
         """Memory that it holds now, in MB (10^6 bytes)."""
         assert self._process is not None  # it is for after `start`
-        return held_mb(self._process.pid)
+        return resident_mb(self._process.pid)
 
     def kill(self) -> None:
         """End it as a crash does."""

@@ -13,7 +13,7 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.node.grouping import updates
-from ellipseg_ros.node.stamps import Stamps
+from ellipseg_ros.node.stamps import StampMonitor
 from ellipseg_ros.records import Segmentation, Sweep
 from ellipseg_ros.segmenter import Segmenter, warm_up
 
@@ -68,10 +68,10 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
 
 def _look_at_stamps(config: Config, args: Namespace) -> Callable[[Sweep], None]:
     """What tells of stamps that stand still or jump forward, as the node does."""
-    stamps = Stamps()
+    stamps = StampMonitor()
 
     def look(sweep: Sweep) -> None:
-        if text := stamps.look(sweep, config.window_duration, config.max_lateness):
+        if text := stamps.check(sweep, config.window_duration, config.max_lateness):
             say(text, args)
 
     return look

@@ -1,4 +1,4 @@
-"""News between threads: to wait for some with a limit, and to be told that none will come."""
+"""A condition variable whose waiters fail with a reason after a timeout or an abort."""
 
 from collections.abc import Callable
 from threading import Condition
@@ -6,30 +6,34 @@ from threading import Condition
 from ellipseg_ros.errors import EllipsegError
 
 
-class News(Condition):
-    """A condition that can be given up; hold it while what it tells of changes, then notify."""
+class AbortableCondition(Condition):
+    """A threading.Condition that can be aborted; notify it after changing the guarded state."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._given_up = ""
+        self._abort_reason = ""
 
-    def expect(
-        self, done: Callable[[], bool], timeout: float, otherwise: str | Callable[[], str]
+    def wait_until(
+        self,
+        predicate: Callable[[], bool],
+        timeout: float,
+        problem: str | Callable[[], str],
     ) -> None:
-        """Wait until it is done; raises EllipsegError after `timeout` s, and if given up.
+        """Block until `predicate()` is true.
 
-        otherwise: what is wrong then, or what tells it then.
+        timeout: s. problem: the error text after a timeout, or a function that returns it.
+        Raises EllipsegError after the timeout, and with the abort's reason after `abort`.
         """
         with self:
-            self.wait_for(lambda: done() or bool(self._given_up), timeout)
-            if self._given_up:
-                raise EllipsegError(self._given_up)
-            if not done():
-                problem = otherwise if isinstance(otherwise, str) else otherwise()
-                raise EllipsegError(f"{problem} within {timeout:g} s")
+            self.wait_for(lambda: predicate() or bool(self._abort_reason), timeout)
+            if self._abort_reason:
+                raise EllipsegError(self._abort_reason)
+            if not predicate():
+                text = problem if isinstance(problem, str) else problem()
+                raise EllipsegError(f"{text} within {timeout:g} s")
 
-    def give_up(self, reason: str) -> None:
-        """Let everything that waits, now or later, fail with the first reason; for any thread."""
+    def abort(self, reason: str) -> None:
+        """Make all present and future waits fail with the first reason given; thread-safe."""
         with self:
-            self._given_up = self._given_up or reason
+            self._abort_reason = self._abort_reason or reason
             self.notify_all()

@@ -4,7 +4,7 @@ import time
 from collections import Counter, deque
 
 from ellipseg_ros.node.health import ERROR, OK, REMEMBERED, SILENCE, WARN, Report, quantiles
-from ellipseg_ros.node.memory import held_mb
+from ellipseg_ros.node.memory import resident_mb
 from ellipseg_ros.records import Association
 
 
@@ -66,6 +66,6 @@ class AssociatorHealth:
             "last pairs": str(len(last)) if last else "",
             "last unknown": "; ".join(last.unknown_names) if last else "",
             "time since the last landmarks [s]": f"{time.monotonic() - self._heard_at:.1f}",
-            "memory [MB]": f"{held_mb():.0f}",
+            "memory [MB]": f"{resident_mb():.0f}",
             **quantiles("processing", self._times),
         }

@@ -10,8 +10,8 @@ from threading import Lock
 
 import numpy as np
 
-from ellipseg_ros.node.memory import held_mb
-from ellipseg_ros.node.stamps import STILL
+from ellipseg_ros.node.memory import resident_mb
+from ellipseg_ros.node.stamps import STALLED_CLOUDS
 from ellipseg_ros.records import SECOND, Segmentation
 from ellipseg_ros.tuning.curve import Curve
 
@@ -89,7 +89,7 @@ class Health:
             self._heard_at = time.monotonic()
 
     def stamps(self, still: int, gaps: int) -> None:
-        """What the stamps of the clouds are like: see stamps.Stamps."""
+        """What the stamps of the clouds are like: see stamps.StampMonitor."""
         with self._lock:
             self._still = still
             self._total["gaps"] = gaps
@@ -195,7 +195,7 @@ class Health:
             )
         if new["evicted"]:
             warnings.append(f"max_points reached: {new['evicted']} points expired early")
-        if self._still >= STILL:
+        if self._still >= STALLED_CLOUDS:
             warnings.append(f"the stamps stand still: {self._still} clouds are no newer")
         if new["restarts"] > 1:
             warnings.append(f"the window began anew {new['restarts']} times: {self._last_restart}")
@@ -226,7 +226,7 @@ class Health:
         ages = {
             "update under way for [s]": f"{self._busy(now):.1f}",
             "running for [s]": f"{now - self._began:.0f}",
-            "memory [MB]": f"{held_mb():.0f}",
+            "memory [MB]": f"{resident_mb():.0f}",
         }
         if self._updated_at is not None and self._newest_ns is not None:
             ages["time since the last update [s]"] = f"{now - self._updated_at:.1f}"

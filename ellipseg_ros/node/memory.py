@@ -1,4 +1,4 @@
-"""The memory of a process, as Linux counts it, and how glibc hands it out."""
+"""Memory of a process as reported by Linux, and tuning of glibc's allocator."""
 
 import ctypes
 from collections import deque
@@ -6,47 +6,47 @@ from pathlib import Path
 
 import numpy as np
 
-POINTER = 8  # bytes
+POINTER_BYTES = 8
 M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8  # of malloc.h
-LARGE = 2**20  # bytes
+LARGE_BLOCK_BYTES = 2**20
 
 
 def peak_mb(process: int | str = "self") -> float:
-    """Most memory that a process has held so far, or since `forget_peak`, in MB (10^6 bytes)."""
+    """Peak resident memory of a process since its start or `reset_peak`, MB (10^6 bytes)."""
     return _status(process, "VmHWM")
 
 
-def held_mb(process: int | str = "self") -> float:
-    """Memory that a process holds now, in MB (10^6 bytes)."""
+def resident_mb(process: int | str = "self") -> float:
+    """Present resident memory of a process, MB (10^6 bytes)."""
     return _status(process, "VmRSS")
 
 
-def state_bytes(thing: object) -> int:
-    """Bytes of all arrays, and of all elements of lists and mappings, that an object holds."""
-    total, seen, found = 0, set(), [thing]
-    while found:
-        one = found.pop()
-        if id(one) in seen:
+def state_bytes(root: object) -> int:
+    """Bytes of all arrays and container slots that are reachable from an object."""
+    total, seen, pending = 0, set(), [root]
+    while pending:
+        item = pending.pop()
+        if id(item) in seen:
             continue
-        seen.add(id(one))
-        if isinstance(one, np.ndarray):
-            total += one.nbytes if one.base is None else 0
-            found += [] if one.base is None else [one.base]
-        elif isinstance(one, (list, tuple, set, deque)):
-            total += POINTER * len(one)
-            found += one
-        elif isinstance(one, dict):
-            total += 2 * POINTER * len(one)
-            found += one.values()
+        seen.add(id(item))
+        if isinstance(item, np.ndarray):
+            total += item.nbytes if item.base is None else 0
+            pending += [] if item.base is None else [item.base]
+        elif isinstance(item, (list, tuple, set, deque)):
+            total += POINTER_BYTES * len(item)
+            pending += item
+        elif isinstance(item, dict):
+            total += 2 * POINTER_BYTES * len(item)
+            pending += item.values()
         else:
-            found += vars(one).values() if hasattr(one, "__dict__") else ()
+            pending += vars(item).values() if hasattr(item, "__dict__") else ()
     return total
 
 
-def forget_peak() -> None:
-    """Let the peak of this process begin anew, from what it holds now.
+def reset_peak() -> None:
+    """Restart the peak of this process from its present memory.
 
-    Freed memory goes back to the system first (malloc_trim of glibc), or its use would not count.
+    Returns freed memory to the system first (malloc_trim of glibc), or its reuse would not count.
     """
     ctypes.CDLL("libc.so.6").malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
@@ -58,14 +58,14 @@ def _status(process: int | str, name: str) -> float:
     return round(int(kib) * 1024 / 1e6, 1)
 
 
-def give_back_large() -> None:
-    """Have this process give back large arrays as soon as they are freed (mallopt of glibc).
+def release_large_blocks() -> None:
+    """Make this process return large arrays to the system when they are freed (mallopt of glibc).
 
-    glibc keeps a heap for every thread, and keeps larger and larger blocks in them once some were
-    freed. Arrays that have another size at every update then leave holes that nothing fits into,
-    and a process that runs for hours grows.
+    glibc keeps a heap per thread, and keeps larger and larger blocks in it once some were freed.
+    Arrays whose size changes with every update then fragment it, and a process that runs for
+    hours grows.
     """
     libc = ctypes.CDLL(None)
-    if hasattr(libc, "mallopt"):  # another C library may do without
-        libc.mallopt(M_MMAP_THRESHOLD, LARGE)
+    if hasattr(libc, "mallopt"):  # not in every C library
+        libc.mallopt(M_MMAP_THRESHOLD, LARGE_BLOCK_BYTES)
         libc.mallopt(M_ARENA_MAX, 1)

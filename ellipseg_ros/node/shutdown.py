@@ -1,6 +1,6 @@
-"""How a program ends that is told to by SIGINT or SIGTERM: soon, and without a traceback.
+"""Ending a process on SIGINT or SIGTERM within a bounded time and without a traceback.
 
-Imports nothing heavy, so that it is at work before the imports that take seconds.
+Imports nothing heavy, so that it is active before the imports that take seconds.
 """
 
 import os
@@ -12,64 +12,67 @@ from threading import Thread
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-LIMIT = 1.5  # s from the signal to the end
+SHUTDOWN_TIMEOUT_S = 1.5  # from the signal to the forced exit
 
 
-class Farewell:
-    """From now on a signal ends the process; for its main thread, one at a time.
+class ShutdownHandler:
+    """Signal handlers that end the process; made in the main thread, one at a time.
 
-    code: the exit code then. words: a line for stderr, if there is no time for anything else.
-    do: called at the first signal, others change nothing; None: the process ends at once.
+    exit_code: of a forced exit. message: written to stderr on a forced exit.
+    on_signal: called once, at the first signal; None: exit immediately.
 
-    Python runs handlers only between two steps of the main thread, which may be in a kernel, and
-    an exception that a handler raises can get lost. So another thread sees to the limit.
+    Python runs signal handlers only between two bytecodes of the main thread, which may be inside
+    a kernel, and an exception raised by a handler can get lost in a destructor. Therefore a
+    watchdog thread enforces the timeout.
     """
 
-    def __init__(self, code: int, words: str = "", do: Callable[[], object] | None = None) -> None:
-        self._code = code
-        self._words = words
-        self._do = do or self._leave
-        self._over = False
-        self.asked = False
+    def __init__(
+        self, exit_code: int, message: str = "", on_signal: Callable[[], object] | None = None
+    ) -> None:
+        self._exit_code = exit_code
+        self._message = message
+        self._on_first_signal = on_signal or self._exit
+        self._finished = False
+        self.requested = False  # whether a signal has arrived
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
-        Thread(target=self._watch, args=[reading], name="farewell", daemon=True).start()
+        Thread(target=self._watchdog, args=[reading], name="shutdown", daemon=True).start()
         for number in SIGNALS:
             signal.signal(number, self._on_signal)
         signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-        os.register_at_fork(after_in_child=_watch_nothing)
+        os.register_at_fork(after_in_child=_detach_wakeup_fd)
 
-    def end(self, code: int) -> int:
-        """The work is done: its exit code; doesn't return if the process was told to end."""
-        self._over = True
-        if self.asked:
-            self._leave()
+    def finish(self, code: int) -> int:
+        """Disarm the watchdog and return `code`; exits the process if a signal has arrived."""
+        self._finished = True
+        if self.requested:
+            self._exit()
         return code
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if not (self.asked or self._over):
-            self.asked = True
-            sys.unraisablehook = lambda _: None  # the interrupt, within a destructor
-            self._do()
+        if not (self.requested or self._finished):
+            self.requested = True
+            sys.unraisablehook = lambda _: None  # the interrupt, raised inside a destructor
+            self._on_first_signal()
 
-    def _watch(self, pipe: int) -> None:
-        while os.read(pipe, 1)[0] not in SIGNALS:  # any signal with a handler is told here
+    def _watchdog(self, pipe: int) -> None:
+        while os.read(pipe, 1)[0] not in SIGNALS:  # signals with other handlers arrive here, too
             pass
-        time.sleep(LIMIT)
-        if not self._over:
-            os.write(sys.stderr.fileno(), self._words.encode())
-            os._exit(self._code)
+        time.sleep(SHUTDOWN_TIMEOUT_S)
+        if not self._finished:
+            os.write(sys.stderr.fileno(), self._message.encode())
+            os._exit(self._exit_code)
 
-    def _leave(self) -> None:
-        """End without the interpreter's own farewell, which waits for threads."""
+    def _exit(self) -> None:
+        """Exit without the interpreter's finalization, which waits for threads."""
         for stream in (sys.stdout, sys.stderr):
             try:
                 stream.flush()
-            except (OSError, ValueError):  # nobody reads any more
+            except (OSError, ValueError):  # the reader has closed its end
                 pass
-        os._exit(self._code)
+        os._exit(self._exit_code)
 
 
-def _watch_nothing() -> None:
-    """A child's signals are no concern of its parent."""
+def _detach_wakeup_fd() -> None:
+    """Keep signals of a forked child out of the parent's pipe."""
     signal.set_wakeup_fd(-1)

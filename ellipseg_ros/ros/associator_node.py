@@ -25,7 +25,7 @@ from ellipseg_ros.node.associator_health import AssociatorHealth
 from ellipseg_ros.ros.associations import association_markers, association_message
 from ellipseg_ros.ros.diagnostics import diagnostic_message
 from ellipseg_ros.ros.limits import Pauses, Share, throttled
-from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, everything_goes, send
+from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, delete_all_markers, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 
@@ -68,7 +68,7 @@ class AssociatorNode:
     def close(self) -> bool:
         """Take the lines away; False if the kernels are still being compiled."""
         self._starter.join(PATIENCE)
-        self._markers.publish(everything_goes())
+        self._markers.publish(delete_all_markers())
         self._markers.wait_for_all_acked(FAREWELL)
         return not self._starter.is_alive()
 

@@ -1,4 +1,4 @@
-"""A node beside whatever else a process does."""
+"""A ROS node that runs beside other work of a process."""
 
 from typing import TypeVar
 
@@ -8,19 +8,19 @@ from rclpy.node import Node
 
 from ellipseg_ros.ros.process import Spinner
 
-G = TypeVar("G", bound="Guest")
+Self = TypeVar("Self", bound="AuxiliaryNode")
 
 
-class Guest:
+class AuxiliaryNode:
     """A node without parameters, in a ROS context of its own; a context manager.
 
-    args: `--ros-args ...`, for a namespace. Callbacks run from the beginning, in another thread:
-    what they need must be there before `__init__` is called.
-    Raises what rclpy raises, for names that ROS does not take, and if it can't start.
+    args: `--ros-args ...`, for a namespace. Callbacks run in another thread as soon as the node
+    exists: a subclass sets what they need before it calls `__init__`.
+    Raises rclpy's errors for invalid names and if the node can't start.
     """
 
     def __init__(self, name: str, args: list[str]) -> None:
-        self.failed: list[BaseException] = []  # what callbacks have raised
+        self.failed: list[BaseException] = []  # raised by callbacks
         self._context = Context()
         try:
             rclpy.init(args=args, context=self._context)
@@ -30,20 +30,20 @@ class Guest:
             raise
         self._spinner = Spinner(self.node, self._end)
 
-    def __enter__(self: G) -> G:
+    def __enter__(self: Self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """End the node and its thread."""
+        """Destroy the node and end its thread."""
         self._spinner.stop()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def fail(self, error: BaseException) -> None:
-        """Called, in the thread of the callbacks, with what one of them has raised."""
+        """Handle an error of a callback, in the thread of the callbacks."""
         self.failed.append(error)
 
     def _end(self, error: BaseException | None) -> None:

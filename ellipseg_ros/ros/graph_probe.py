@@ -22,7 +22,7 @@ from ellipseg_ros.errors import EllipsegError, InputError
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.records import SECOND
-from ellipseg_ros.ros.auxiliary_node import Guest
+from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.cloud_input import BEST_EFFORT, RELIABLE
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -35,7 +35,7 @@ LOOK = 0.1  # s between two looks at the graph: it tells of no change
 DEPTH = 100  # clouds kept while others are read
 
 
-class Observer(Guest):
+class GraphProbe(AuxiliaryNode):
     """A node that looks and listens; a context manager.
 
     topic: of the clouds; empty: what the segmenter subscribes to, or `points`.

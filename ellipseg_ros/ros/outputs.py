@@ -95,7 +95,7 @@ class Outputs:
     def clear(self) -> None:
         """Take all markers away."""
         self._latest = None
-        self._send(self._ellipsoids, everything_goes)
+        self._send(self._ellipsoids, delete_all_markers)
 
     def farewell(self) -> None:
         """Take all markers away, and wait a moment for the subscribers to hear of it.
@@ -104,7 +104,7 @@ class Outputs:
         """
         with self._sending:
             self._closed = True
-        send(self._ellipsoids, everything_goes)
+        send(self._ellipsoids, delete_all_markers)
         self._ellipsoids.wait_for_all_acked(FAREWELL)
 
     def _send(self, publisher: Any, write: Callable[[], Any]) -> None:
@@ -117,7 +117,7 @@ class Outputs:
                 publisher.publish(message)
 
 
-def everything_goes() -> MarkerArray:
+def delete_all_markers() -> MarkerArray:
     """A message that takes all markers away."""
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 

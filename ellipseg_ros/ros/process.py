@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 import ellipseg_ros
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.shutdown import Farewell
+from ellipseg_ros.node.shutdown import ShutdownHandler
 from ellipseg_ros.ros.limits import Pauses, throttled
 
 PACKAGE = Path(ellipseg_ros.__file__).parent
@@ -93,7 +93,7 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
     A second signal changes nothing, and the process ends within 2 s of the first.
     """
     ending: SimpleQueue[BaseException | None] = SimpleQueue()  # may be filled by signal handlers
-    farewell = Farewell(0, do=lambda: ending.put(None))
+    shutdown = ShutdownHandler(0, on_signal=lambda: ending.put(None))
     try:
         # rclpy's own handlers would end the context before the node can say farewell.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -114,7 +114,7 @@ def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
     code = 0 if reason is None else _failed(reason)
     if not finished:
         os._exit(code)  # a kernel that compiles or runs can't be interrupted: it delays the end
-    return farewell.end(code)
+    return shutdown.finish(code)
 
 
 def _is_ours(error: Exception) -> bool:

@@ -8,10 +8,10 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.abortable_condition import News
+from ellipseg_ros.node.abortable_condition import AbortableCondition
 from ellipseg_ros.records import Sweep
-from ellipseg_ros.ros.auxiliary_node import Guest
-from ellipseg_ros.ros.subscriptions import header_time, hear, update_number
+from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
+from ellipseg_ros.ros.subscriptions import header_stamp_ns, sequence_number, subscribe_outputs
 
 STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
 OPTIONAL = "landmarks"  # not published if they are not looked for
@@ -28,7 +28,7 @@ class Sink(Protocol):
         """A cloud that was sent."""
 
 
-class Recorder(Guest):
+class Recorder(AuxiliaryNode):
     """Subscribes to the segmenter's topics; a context manager.
 
     Messages go into the bag as the bytes that came, at the time of the update that they tell of.
@@ -37,7 +37,7 @@ class Recorder(Guest):
 
     def __init__(self, bag: Sink, args: list[str] | None = None) -> None:
         self._bag = bag
-        self._changed = News()  # guards the bag, too
+        self._changed = AbortableCondition()  # guards the bag, too
         self._known = False
         self._time_ns: int | None = None  # of the newest update
         self._stamps: dict[str, int] = {}  # of the last message that came, by topic
@@ -46,7 +46,7 @@ class Recorder(Guest):
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
         super().__init__("ellipseg_recorder", args or [])
-        hear(self.node, self._on_message, self._on_known, self._on_diagnostics)
+        subscribe_outputs(self.node, self._on_message, self._on_known, self._on_diagnostics)
 
     def write_points(self, sweep: Sweep) -> None:
         """Note a cloud that was sent."""
@@ -58,7 +58,7 @@ class Recorder(Guest):
 
         Raises EllipsegError after `timeout` s.
         """
-        self._changed.expect(lambda: self._known, timeout, "the node publishes nothing")
+        self._changed.wait_until(lambda: self._known, timeout, "the node publishes nothing")
 
     def wait_for_updates(self, count: int, timeout: float) -> None:
         """Wait until `count` updates have come, the last one on all topics that bear its time.
@@ -66,17 +66,17 @@ class Recorder(Guest):
         Large messages overtake each other on the way: segments may come before their points.
         Raises EllipsegError after `timeout` s.
         """
-        self._changed.expect(
+        self._changed.wait_until(
             lambda: self.updates >= count,
             timeout,
             lambda: f"{count} updates were due, {self.updates} came",
         )
-        self._changed.expect(self._is_whole, timeout, "of the last update, not all topics came")
+        self._changed.wait_until(self._is_whole, timeout, "the last update is incomplete")
 
     def wait_for_report(self, key: str, value: int, timeout: float) -> None:
         """Wait until /diagnostics of the segmenter say so; EllipsegError after `timeout` s."""
         text = f"/diagnostics did not come to {key!r} = {value}"
-        self._changed.expect(lambda: self.diagnostics.get(key) == str(value), timeout, text)
+        self._changed.wait_until(lambda: self.diagnostics.get(key) == str(value), timeout, text)
 
     def reset_segmenter(self, timeout: float) -> None:
         """Call ~/reset, which makes an update of the points that still wait for their boundary.
@@ -90,19 +90,19 @@ class Recorder(Guest):
         answers: list[Trigger.Response] = []
         future = client.call_async(Trigger.Request())
         future.add_done_callback(lambda it: self._note(lambda: answers.append(it.result())))
-        self._changed.expect(lambda: bool(answers), timeout, "the node does not answer ~/reset")
+        self._changed.wait_until(lambda: bool(answers), timeout, "~/reset is not answered")
         if not answers[0].success:
             raise EllipsegError(f"the node refuses ~/reset: {answers[0].message}")
 
     def stop(self, reason: str) -> None:
         """Let everything that waits fail with `reason`; for any thread."""
-        self._changed.give_up(reason)
+        self._changed.abort(reason)
 
     def _on_message(self, topic: str, data: bytes) -> None:
         with self._changed:
             if topic in STAMPED:
-                self._time_ns = self._stamps[topic] = header_time(data)
-            farewell = self._ending and topic == "ellipsoids" and takes_all_away(data)
+                self._time_ns = self._stamps[topic] = header_stamp_ns(data)
+            farewell = self._ending and topic == "ellipsoids" and deletes_all(data)
             again = topic == "segments" and self._is_again(data)
             # Markers have no time of their own.
             if self._time_ns is not None and not farewell and not again:
@@ -120,7 +120,7 @@ class Recorder(Guest):
 
     def _is_again(self, data: bytes) -> bool:
         """Whether these segments came already, and come again for somebody else who is late."""
-        before, self._update = self._update, update_number(data)
+        before, self._update = self._update, sequence_number(data)
         return self._update == before
 
     def _on_known(self) -> None:
@@ -143,7 +143,7 @@ class Recorder(Guest):
         self.stop(f"recording failed: {error}")
 
 
-def takes_all_away(data: bytes) -> bool:
+def deletes_all(data: bytes) -> bool:
     """Whether a serialized MarkerArray does nothing but to delete all markers."""
     if len(data) > SMALL:
         return False

@@ -23,7 +23,7 @@ from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, Spinner, run
-from ellipseg_ros.ros.subscriptions import header_time
+from ellipseg_ros.ros.subscriptions import header_stamp_ns
 
 DEPTH = 1000  # clouds kept for a slow subscriber
 FAREWELL = Duration(seconds=1.0)  # that subscribers get to acknowledge the last clouds
@@ -77,7 +77,7 @@ class ReplayerNode:
 
     def _on_segments(self, serialized: bytes) -> None:
         """Only the stamp is read: as objects, thousands of segments would take too long."""
-        self.playback.come_back(header_time(serialized))
+        self.playback.come_back(header_stamp_ns(serialized))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.pause(request.data)

@@ -17,8 +17,8 @@ from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.node.backlog import Backlog, ListAll, Reset, ShowAll, Update
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.health import Health
-from ellipseg_ros.node.memory import give_back_large
-from ellipseg_ros.node.stamps import Stamps
+from ellipseg_ros.node.memory import release_large_blocks
+from ellipseg_ros.node.stamps import StampMonitor
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import diagnostic_message
@@ -54,7 +54,7 @@ class SegmenterNode:
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
-        self._stamps = Stamps()
+        self._stamps = StampMonitor()
         self._warned: set[str] = set()  # frames that were warned of
         self._outputs = Outputs(
             node, lambda: self._backlog.put(ShowAll()), lambda: self._backlog.put(ListAll())
@@ -131,9 +131,9 @@ class SegmenterNode:
 
     def _look_at_stamp(self, sweep: Sweep) -> None:
         config = self._config
-        if text := self._stamps.look(sweep, config.window_duration, config.max_lateness):
+        if text := self._stamps.check(sweep, config.window_duration, config.max_lateness):
             self._log.warning(text, **throttled())
-        self._health.stamps(self._stamps.still, self._stamps.gaps)
+        self._health.stamps(self._stamps.stalled, self._stamps.gaps)
 
     def _lost(self, clouds: int) -> None:
         self._health.lost(clouds)
@@ -185,5 +185,5 @@ class SegmenterNode:
 
 def main(args: list[str] | None = None) -> int:
     """`ros2 run ellipseg_ros segmenter`."""
-    give_back_large()
+    release_large_blocks()
     return run(SegmenterNode, args)

@@ -1,11 +1,11 @@
-"""The executables of the package: a signal ends them from the first line on.
+"""Entry points of the executables: a signal ends them cleanly from the first line on.
 
 The nodes themselves are imported afterwards, which takes seconds.
 """
 
 from importlib import import_module
 
-from ellipseg_ros.node.shutdown import Farewell
+from ellipseg_ros.node.shutdown import ShutdownHandler
 
 
 def segmenter() -> int:
@@ -24,6 +24,6 @@ def replayer() -> int:
 
 
 def _run(module: str) -> int:
-    farewell = Farewell(0)
+    shutdown = ShutdownHandler(exit_code=0)
     code = int(import_module(f"ellipseg_ros.ros.{module}").main())
-    return farewell.end(code)
+    return shutdown.finish(code)

@@ -22,7 +22,7 @@ TOPICS = {
 DEPTH = 100  # messages kept while others are dealt with
 
 
-def hear(
+def subscribe_outputs(
     node: Node,
     on_message: Callable[[str, bytes], object],
     on_known: Callable[[], object],
@@ -52,7 +52,7 @@ def hear(
         on_message(topic, data)
 
     def diagnosed(msg: DiagnosticArray) -> None:
-        for status in of_segmenter(node, msg):
+        for status in segmenter_statuses(node, msg):
             on_diagnostics({item.key: item.value for item in status.values})
 
     for topic, kind in TOPICS.items():
@@ -69,13 +69,13 @@ def hear(
     node.create_subscription(DiagnosticArray, "/diagnostics", diagnosed, DEPTH)
 
 
-def of_segmenter(node: Node, msg: DiagnosticArray) -> list[DiagnosticStatus]:
+def segmenter_statuses(node: Node, msg: DiagnosticArray) -> list[DiagnosticStatus]:
     """What the segmenter in the node's namespace says in it, if it is of him."""
     own = f"{node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
     return [status for status in msg.status if status.name.startswith(own)]
 
 
-def update_number(data: bytes) -> int:
+def sequence_number(data: bytes) -> int:
     """`sequence` of a serialized SegmentArray, which stands behind the header."""
     order = "<" if data[1] & 1 else ">"
     (length,) = struct.unpack_from(f"{order}I", data, 12)  # of frame_id
@@ -84,7 +84,7 @@ def update_number(data: bytes) -> int:
     return int(number)
 
 
-def header_time(data: bytes) -> int:
+def header_stamp_ns(data: bytes) -> int:
     """Stamp of a serialized message that begins with a std_msgs/Header, ns."""
     order = "<" if data[1] & 1 else ">"
     seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)

@@ -5,11 +5,11 @@ from threading import Event
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.records import Segmentation
-from ellipseg_ros.ros.auxiliary_node import Guest
+from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.outputs import Outputs
 
 
-class Probe(Guest):
+class Probe(AuxiliaryNode):
     """A node that publishes segmentations as the segmenter does; a context manager.
 
     args: `--ros-args ...`, for a namespace.

@@ -16,8 +16,8 @@ LIMIT = 2.0  # s from the signal to the end
 SCENE = "sim:industrial"
 BEGUN = 0.2  # s: Python itself starts; a signal then ends it in Python's own way
 HANDLED = """import sys, time
-import ellipseg_ros.node.shutdown as farewell
-farewell.Farewell(0)
+from ellipseg_ros.node.shutdown import ShutdownHandler
+shutdown = ShutdownHandler(0)
 print(time.monotonic())"""
 
 

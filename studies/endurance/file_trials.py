@@ -20,7 +20,7 @@ from typing import Any
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.map_file import read_map
-from ellipseg_ros.node.memory import forget_peak, held_mb, peak_mb
+from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.segmenter import warm_up
 from studies.endurance.damage import LOCKED, damage
 from studies.endurance.samples import write_samples
@@ -150,8 +150,8 @@ def work(pipe: Connection) -> None:
 
 def answer(task: dict[str, str]) -> dict[str, Any]:
     """Read a file as a user would; the rest of its Outcome."""
-    forget_peak()
-    before, started = held_mb(), time.monotonic()
+    reset_peak()
+    before, started = resident_mb(), time.monotonic()
     out = Path(task["path"]).parent / "out"
     said = StringIO()
     with redirect_stderr(said), redirect_stdout(said):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from ellipseg_ros.association.associate import warm_up as warm_up_association
 from ellipseg_ros.config import Config
-from ellipseg_ros.node.memory import forget_peak, held_mb, peak_mb
+from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.segmenter import warm_up
 from studies.endurance.conversion import Tally, convert
 from studies.endurance.live_inputs import Heard, listen
@@ -36,8 +36,8 @@ def inputs(trial: Trial) -> list[Promise]:
     cases = QUICK if trial.quick else FULL
     warm_up()
     warm_up_association()
-    forget_peak()
-    before = held_mb()
+    reset_peak()
+    before = resident_mb()
     trial.say(f"inputs: {cases.converted} clouds")
     converted = _told(convert(trial.seed, range(cases.converted)), trial)
     found = _converted(converted, peak_mb() - before)

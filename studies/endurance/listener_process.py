@@ -7,7 +7,7 @@ import sys
 from threading import Thread
 from typing import Any
 
-from ellipseg_ros.node.abortable_condition import News
+from ellipseg_ros.node.abortable_condition import AbortableCondition
 
 START = "import sys; from studies.endurance.ros.listener import main; sys.exit(main())"
 FAREWELL = 10.0  # s
@@ -18,7 +18,7 @@ class Listening:
 
     def __init__(self, ros_args: list[str]) -> None:
         self._args = ros_args
-        self._changed = News()
+        self._changed = AbortableCondition()
         self._known = False
         self.updates: dict[int, int] = {}  # stamp of an update, ns: when its segments came
         self.diagnostics: dict[str, str] = {}  # the latest
@@ -61,22 +61,24 @@ class Listening:
 
     def give_up(self, reason: str) -> None:
         """Let everything that waits fail with `reason`; for any thread."""
-        self._changed.give_up(reason)
+        self._changed.abort(reason)
 
     def wait_for_topics(self, timeout: float) -> None:
         """Wait until all topics are published to it; raises EllipsegError after `timeout` s."""
-        self._changed.expect(lambda: self._known, timeout, "nothing is published")
+        self._changed.wait_until(lambda: self._known, timeout, "nothing is published")
 
     def wait_for_update(self, stamp_ns: int, timeout: float) -> int:
         """When the update of this stamp came, ns; raises EllipsegError after `timeout` s."""
-        self._changed.expect(lambda: stamp_ns in self.updates, timeout, "an update has not come")
+        self._changed.wait_until(
+            lambda: stamp_ns in self.updates, timeout, "the update is missing"
+        )
         return self.updates[stamp_ns]
 
     def next_report(self, timeout: float) -> dict[str, str]:
         """What the segmenter's /diagnostics say from now on; raises EllipsegError likewise."""
         with self._changed:
             self.diagnostics = {}
-        self._changed.expect(lambda: bool(self.diagnostics), timeout, "no /diagnostics have come")
+        self._changed.wait_until(lambda: bool(self.diagnostics), timeout, "no /diagnostics arrive")
         return self.diagnostics
 
     def _read(self) -> None:

@@ -11,7 +11,7 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.node.grouping import updates
-from ellipseg_ros.node.stamps import Stamps
+from ellipseg_ros.node.stamps import StampMonitor
 from ellipseg_ros.records import SECOND, Segmentation, Sweep
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import simulate
@@ -114,9 +114,9 @@ def offline(drive: list[Sweep]) -> list[Segmentation]:
 
 
 def _gaps(drive: list[Sweep]) -> int:
-    stamps = Stamps()
+    stamps = StampMonitor()
     for sweep in drive:
-        stamps.look(sweep, CONFIG.window_duration, CONFIG.max_lateness)
+        stamps.check(sweep, CONFIG.window_duration, CONFIG.max_lateness)
     return stamps.gaps
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.node.memory import forget_peak, held_mb, peak_mb
+from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.records import Array
 from studies.partition.methods import SEGMENTS, Method, Run, Settings
 from studies.partition.metrics import score_instances, score_partition
@@ -134,8 +134,8 @@ def measured(call: Callable[[], object]) -> Cell:
     walls, processors, peaks = [], [], []
     gc.collect()
     for _ in range(RUNS):
-        forget_peak()
-        before = held_mb()
+        reset_peak()
+        before = resident_mb()
         wall, processor = time.perf_counter(), time.process_time()
         call()
         walls.append(time.perf_counter() - wall)

@@ -1,44 +1,44 @@
-"""Waiting for what other threads bring about."""
+"""AbortableCondition: waiting for changes made by other threads."""
 
 from threading import Thread
 
 import pytest
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.abortable_condition import News
+from ellipseg_ros.node.abortable_condition import AbortableCondition
 
 
-def test_who_waits_is_woken_by_what_he_waits_for():
-    news, came = News(), []
-    waiter = Thread(target=lambda: news.expect(lambda: bool(came), 60.0, "nothing came"))
+def test_notification_ends_the_wait():
+    condition, items = AbortableCondition(), []
+    waiter = Thread(target=lambda: condition.wait_until(lambda: bool(items), 60.0, "no item"))
     waiter.start()
-    with news:
-        came.append("it")
-        news.notify_all()
+    with condition:
+        items.append("item")
+        condition.notify_all()
     waiter.join(10.0)
     assert not waiter.is_alive()
 
 
-@pytest.mark.parametrize("otherwise", ["1 of 2 came", lambda: "1 of 2 came"])
-def test_what_does_not_come_in_time_is_an_error(otherwise):
-    with pytest.raises(EllipsegError, match=r"^1 of 2 came within 0\.01 s$"):
-        News().expect(lambda: False, 0.01, otherwise)
+@pytest.mark.parametrize("problem", ["1 of 2 arrived", lambda: "1 of 2 arrived"])
+def test_timeout_is_an_error(problem):
+    with pytest.raises(EllipsegError, match=r"^1 of 2 arrived within 0\.01 s$"):
+        AbortableCondition().wait_until(lambda: False, 0.01, problem)
 
 
-def test_who_waits_learns_at_once_why_nothing_will_come():
-    news, heard = News(), []
+def test_abort_fails_present_and_future_waits_with_the_first_reason():
+    condition, errors = AbortableCondition(), []
 
     def wait():
         try:
-            news.expect(lambda: False, 60.0, "nothing came")
+            condition.wait_until(lambda: False, 60.0, "no item")
         except EllipsegError as error:
-            heard.append(str(error))
+            errors.append(str(error))
 
     waiter = Thread(target=wait)
     waiter.start()
-    news.give_up("the sender has died")
-    news.give_up("and was buried")
+    condition.abort("the sender has died")
+    condition.abort("a later reason")
     waiter.join(10.0)
-    assert heard == ["the sender has died"]
-    with pytest.raises(EllipsegError, match="has died"):  # whoever comes later, too
-        news.expect(lambda: True, 1.0, "nothing came")
+    assert errors == ["the sender has died"]
+    with pytest.raises(EllipsegError, match="has died"):
+        condition.wait_until(lambda: True, 1.0, "no item")

@@ -1,4 +1,4 @@
-"""How a process ends that is told to."""
+"""ShutdownHandler: a signalled process ends soon, cleanly and with the right exit code."""
 
 import signal
 import subprocess
@@ -6,17 +6,17 @@ import sys
 
 import pytest
 
-from ellipseg_ros.node import shutdown as farewell
+from ellipseg_ros.node.shutdown import SHUTDOWN_TIMEOUT_S
 
 BUSY = """
 print("ready", flush=True)
 while True: pass"""
-DEAF = """
+BLOCKED = """
 import threading, time
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # of the main thread
-threading.Timer(0.3, print, ["ready"], {"flush": True}).start()  # when the main thread sleeps
+threading.Timer(0.3, print, ["ready"], {"flush": True}).start()  # while the main thread sleeps
 time.sleep(30)"""
-CLEANS = """
+CLEANS_UP = """
 try:
     try:
         print("ready", flush=True)
@@ -24,29 +24,29 @@ try:
     finally:
         print("cleaned")
 except KeyboardInterrupt:
-    farewell.end(3)"""
-LOSES = """
+    shutdown.finish(3)"""
+LOSES_INTERRUPT = """
 class Loses:
     def __del__(self):
         print("ready", flush=True)
         while True: pass
 Loses()
 while True: pass"""
-ANOTHER = """
-signal.signal(signal.SIGUSR1, lambda *_: print("another", flush=True))
+OTHER_HANDLER = """
+signal.signal(signal.SIGUSR1, lambda *_: print("other", flush=True))
 print("ready", flush=True)
 while True: pass"""
 
 
-def ended(body, do, numbers=(signal.SIGINT,)):
-    """Exit code, output and stderr of a process that is signalled, and ends by itself.
+def run_and_signal(body, on_signal, numbers=(signal.SIGINT,)):
+    """Exit code, stdout and stderr of a process that is signalled and then ends by itself.
 
-    All of them would go on for 30 s or for ever.
+    Without the handler each body would run for 30 s or for ever.
     """
     code = (
-        "import signal\nfrom ellipseg_ros.node.shutdown import Farewell\n"
+        "import signal\nfrom ellipseg_ros.node.shutdown import ShutdownHandler\n"
         "def interrupt(): raise KeyboardInterrupt\n"
-        f"farewell = Farewell(7, 'last words', {do})\n{body}"
+        f"shutdown = ShutdownHandler(7, 'last message', {on_signal})\n{body}"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -59,27 +59,27 @@ def ended(body, do, numbers=(signal.SIGINT,)):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_without_anything_to_do_it_ends_at_once_and_quietly(number):
-    assert ended(BUSY, None, [number]) == (7, "", "")
+def test_without_callback_the_process_exits_immediately(number):
+    assert run_and_signal(BUSY, None, [number]) == (7, "", "")
 
 
-def test_a_process_is_ended_before_the_2_s_that_are_promised():
-    # Measured with a clock, this would fail on a busy machine: `ellipseg soak signals` does it.
-    assert farewell.LIMIT <= 1.5
+def test_timeout_leaves_a_margin_to_the_promised_2_s():
+    # Measured with a clock, this would fail on a busy machine: the endurance study does it.
+    assert SHUTDOWN_TIMEOUT_S <= 1.5
 
 
-def test_a_main_thread_that_does_not_listen_is_ended_with_the_last_words():
-    assert ended(DEAF, None) == (7, "", "last words")
+def test_blocked_main_thread_is_ended_by_the_watchdog_with_the_message():
+    assert run_and_signal(BLOCKED, None) == (7, "", "last message")
 
 
-def test_what_is_to_be_cleaned_up_is_whatever_other_signals_come():
-    three = [signal.SIGINT, signal.SIGTERM, signal.SIGINT]
-    assert ended(CLEANS, "interrupt", three) == (7, "cleaned\n", "")
+def test_cleanup_runs_even_if_more_signals_arrive():
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGINT]
+    assert run_and_signal(CLEANS_UP, "interrupt", numbers) == (7, "cleaned\n", "")
 
 
-def test_an_interrupt_that_is_lost_in_a_destructor_ends_it_all_the_same():
-    assert ended(LOSES, "interrupt") == (7, "", "last words")
+def test_interrupt_lost_in_a_destructor_still_ends_the_process():
+    assert run_and_signal(LOSES_INTERRUPT, "interrupt") == (7, "", "last message")
 
 
-def test_other_signals_are_none_of_its_business():
-    assert ended(ANOTHER, None, [signal.SIGUSR1, signal.SIGTERM])[::2] == (7, "")
+def test_other_signal_handlers_stay_in_place():
+    assert run_and_signal(OTHER_HANDLER, None, [signal.SIGUSR1, signal.SIGTERM])[::2] == (7, "")

@@ -16,7 +16,7 @@ from ellipseg_ros.cli.main import main
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.msg import SegmentArray
-from ellipseg_ros.ros.graph_probe import Observer
+from ellipseg_ros.ros.graph_probe import GraphProbe
 
 NODE = "/ellipseg_segmenter"
 
@@ -145,7 +145,7 @@ def test_qos_that_does_not_match(domain, examine, tmp_path):
 
 
 def test_the_records_hold_what_came(domain):
-    with stream(domain, "/front/points"), Observer("", "/front") as observer:
+    with stream(domain, "/front/points"), GraphProbe("", "/front") as observer:
         graph = observer.observe(4.0)
     assert graph.topic.name == "/front/points"
     assert [end.reliability for end in graph.topic.publishers] == ["reliable"]
@@ -163,4 +163,4 @@ def test_the_records_hold_what_came(domain):
 @pytest.mark.parametrize("names", [("", "no slash"), ("a//b", "/")])
 def test_names_that_ros_refuses_are_an_error(domain, names):
     with pytest.raises(EllipsegError, match="no ROS node can be started"):
-        Observer(*names)
+        GraphProbe(*names)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from node_kit import LIMIT, peer, running
 
-from ellipseg_ros.ros.graph_probe import Observer
+from ellipseg_ros.ros.graph_probe import GraphProbe
 
 POLICY = Path(__file__).parents[2] / "config" / "sros2" / "ellipseg.policy.xml"
 NODES = {
@@ -88,7 +88,7 @@ def test_an_operator_hears_and_calls_all_of_them(session_ros_domain):
 
 def test_the_doctor_may_be_an_operator(session_ros_domain):
     _, operator = allowed("operator")
-    with Observer("", "/") as observer:
+    with GraphProbe("", "/") as observer:
         observer.observe(0.1)
         found = done(observer.node, observer.node.get_name())
     for right, names in found.items():

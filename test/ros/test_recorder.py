@@ -63,7 +63,7 @@ def test_an_update_is_there_when_its_points_are(scene):
     recorder, notes, topics = scene
     topics["segments"].send(stamped(SegmentArray, 1))
     notes.wait_for(("/segments", 1))
-    with pytest.raises(EllipsegError, match="of the last update, not all topics came"):
+    with pytest.raises(EllipsegError, match="the last update is incomplete"):
         recorder.wait_for_updates(1, SHORT)
     topics["segmented_points"].send(stamped(PointCloud2, 1))
     recorder.wait_for_updates(1, LIMIT)
@@ -72,7 +72,7 @@ def test_an_update_is_there_when_its_points_are(scene):
     topics["segmented_points"].send(stamped(PointCloud2, 2))
     topics["segments"].send(stamped(SegmentArray, 2, sequence=1))
     notes.wait_for(("/landmarks", 1), ("/segmented_points", 2), ("/segments", 2))
-    with pytest.raises(EllipsegError, match="of the last update, not all topics came"):
+    with pytest.raises(EllipsegError, match="the last update is incomplete"):
         recorder.wait_for_updates(2, SHORT)
     topics["landmarks"].send(stamped(LandmarkArray, 2))
     recorder.wait_for_updates(2, LIMIT)

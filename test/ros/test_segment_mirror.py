@@ -17,7 +17,7 @@ from ellipseg_ros.io.segment_stream import SegmentStream
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.ros.recorder import Recorder
-from ellipseg_ros.ros.subscriptions import update_number
+from ellipseg_ros.ros.subscriptions import sequence_number
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import simulate
 
@@ -131,7 +131,7 @@ def test_what_comes_again_is_not_recorded_again(heard, offline):
 @pytest.mark.parametrize("frame_id", ["", "map", "odom", "a/frame"])
 def test_the_number_of_an_update_is_read_from_the_bytes(offline, frame_id):
     found = replace(offline.found[3], frame_id=frame_id)
-    assert update_number(write_segments(found)) == 3
+    assert sequence_number(write_segments(found)) == 3
 
 
 def test_a_subscriber_from_the_beginning_is_never_out_of_step(heard, offline):

@@ -1,4 +1,4 @@
-"""Stamps as they come in the field: the node does with them what the offline run does."""
+"""StampMonitor as they come in the field: the node does with them what the offline run does."""
 
 import signal
 from dataclasses import replace

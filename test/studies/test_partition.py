@@ -15,7 +15,7 @@ from ellipseg_ros.cli.main import main
 from ellipseg_ros.config import Config
 from ellipseg_ros.doctor import packages
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.memory import forget_peak, held_mb, peak_mb
+from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.segmenter import segment
 from studies.partition import cells, study
 from studies.partition import subprocess_runner as apart
@@ -163,8 +163,8 @@ def test_memory_is_that_of_the_run():
     first, second = use(200), use(50)
     assert 190.0 < first < 260.0
     assert 45.0 < second < 100.0
-    forget_peak()
-    assert peak_mb() == pytest.approx(held_mb(), rel=0.2)
+    reset_peak()
+    assert peak_mb() == pytest.approx(resident_mb(), rel=0.2)
 
 
 # --- apart -----------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import time
 from rclpy.node import Node
 
 from ellipseg_ros.ros.process import End, run
-from ellipseg_ros.ros.subscriptions import header_time, hear
+from ellipseg_ros.ros.subscriptions import header_stamp_ns, subscribe_outputs
 
 STAMPED = "segments"  # the last topic of an update
 
@@ -23,7 +23,7 @@ class Listener:
 
     def __init__(self, end: End) -> None:
         self.node = Node("ellipseg_listener")
-        hear(
+        subscribe_outputs(
             self.node,
             self._on_message,
             lambda: self._tell({"known": True}),
@@ -36,7 +36,7 @@ class Listener:
 
     def _on_message(self, topic: str, data: bytes) -> None:
         now = time.monotonic_ns()
-        stamp = header_time(data) if topic == STAMPED else 0
+        stamp = header_stamp_ns(data) if topic == STAMPED else 0
         self._tell({"topic": topic, "stamp_ns": stamp, "now_ns": now, "bytes": len(data)})
 
     def _tell(self, news: dict[str, object]) -> None:

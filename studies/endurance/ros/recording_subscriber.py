@@ -10,9 +10,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.segment_mirror import SegmentMirror
 from ellipseg_ros.msg import SegmentArray
-from ellipseg_ros.node.abortable_condition import News
-from ellipseg_ros.ros.auxiliary_node import Guest
-from ellipseg_ros.ros.subscriptions import of_segmenter
+from ellipseg_ros.node.abortable_condition import AbortableCondition
+from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
+from ellipseg_ros.ros.subscriptions import segmenter_statuses
 
 DEPTH = 100  # messages kept while others are dealt with
 
@@ -29,14 +29,14 @@ class Heard:
     in_step: bool  # whether the mirror was, after it
 
 
-class Witness(Guest):
+class Witness(AuxiliaryNode):
     """Subscribes to `segments`, `ellipsoids` and /diagnostics; a context manager.
 
     args: `--ros-args ...`, for a namespace. Its lists only grow.
     """
 
     def __init__(self, args: list[str]) -> None:
-        self._changed = News()
+        self._changed = AbortableCondition()
         self._mirror = SegmentMirror()
         self.heard: list[Heard] = []
         self.shown: set[int] = set()  # markers, as a viewer has them that never forgets
@@ -53,12 +53,12 @@ class Witness(Guest):
 
     def wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
         """Wait until a message makes it true; raises EllipsegError after `timeout` s."""
-        self._changed.expect(done, timeout, otherwise)
+        self._changed.wait_until(done, timeout, otherwise)
 
     def fail(self, error: BaseException) -> None:
         """Let what waits fail with it."""
         super().fail(error)
-        self._changed.give_up(f"listening failed: {error}")
+        self._changed.abort(f"listening failed: {error}")
 
     def since(self, moment: float) -> list[Heard]:
         """What has come on `segments` since then."""
@@ -96,5 +96,7 @@ class Witness(Guest):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
         with self._changed:
-            self.said += [(now, status.message) for status in of_segmenter(self.node, message)]
+            self.said += [
+                (now, status.message) for status in segmenter_statuses(self.node, message)
+            ]
             self._changed.notify_all()

@@ -8,21 +8,21 @@ from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.msg import LandmarkArray
-from ellipseg_ros.node.abortable_condition import News
-from ellipseg_ros.ros.auxiliary_node import Guest
+from ellipseg_ros.node.abortable_condition import AbortableCondition
+from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 
 TYPES: dict[str, Any] = {"points": PointCloud2, "landmarks": LandmarkArray}
 DEPTH = 1000  # messages kept for a slow subscriber
 
 
-class Sender(Guest):
+class Sender(AuxiliaryNode):
     """A node with one reliable publisher; a context manager.
 
     topic: one of TYPES. args: `--ros-args ...`, for a namespace.
     """
 
     def __init__(self, topic: str, args: list[str]) -> None:
-        self._changed = News()
+        self._changed = AbortableCondition()
         self._listeners = 0
         super().__init__("ellipseg_sender", args)
         events = PublisherEventCallbacks(matched=self._on_match)
@@ -32,7 +32,7 @@ class Sender(Guest):
 
     def wait_for_listener(self, timeout: float) -> None:
         """Wait until somebody listens; raises EllipsegError after `timeout` s."""
-        self._changed.expect(lambda: self._listeners > 0, timeout, "nobody listens")
+        self._changed.wait_until(lambda: self._listeners > 0, timeout, "nobody listens")
 
     def send(self, message: bytes) -> None:
         """Publish a serialized message."""
