@@ -19,7 +19,7 @@ Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
 SECOND = 1_000_000_000  # ns
 WIDEST = 1024  # bytes of a point's fields: one that claims more is garbage
 NOBODY: Array = np.zeros(0, np.int64)
-NEGLIGIBLE = 0.2  # share of a motion that is not worth a word
+NEGLIGIBLE = 0.2  # share of a motion below which its description omits it
 
 ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
 REJECTED = -2  # NaN, infinite or absurdly far
@@ -197,39 +197,43 @@ class Ragged:
         return self.values[self.starts[row] : self.starts[row + 1]]
 
 
-class Boundaries(NamedTuple):
-    """Pairs of segments a < b that touch, ascending by (a, b)."""
+class SegmentAdjacency(NamedTuple):
+    """Region adjacency graph: pairs of segments a < b joined by edges of the point graph.
 
-    a: Array  # (p,) int32
+    Ascending by (a, b).
+    """
+
+    a: Array  # (p,) int32, row of the segment
     b: Array  # (p,) int32
-    length: Array  # (p,) int32: edges of the graph between the two
+    edge_count: Array  # (p,) int32: edges of the point graph between the two
 
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """How s segments become objects: m merges in order, of which the first ones can be taken.
+    """Merge tree of s segments into objects: m merges in the order in which they were made.
 
-    A group of segments goes by its lowest one, its row.
+    A group of segments is named by its lowest segment. Cutting the tree after the first k merges
+    gives a partition.
     """
 
-    into: Array  # (m,) int32: the group that grows
-    merged: Array  # (m,) int32: the group that it takes in; a higher row
-    cost: Array  # (m,) float64: of the merge; 0 for what is flat together
+    parent: Array  # (m,) int32: the group that remains
+    child: Array  # (m,) int32: the group that is merged into it; a higher number
+    cost: Array  # (m,) float64: cost of the merge; 0 for merges of coplanar segments
     segments: int  # s
 
-    def merges_at(self, scale: float) -> int:
-        """How many merges come before the first one that costs more than `scale`."""
-        dearer = np.flatnonzero(self.cost > scale)
+    def merges_up_to(self, cost: float) -> int:
+        """Number of merges before the first one that costs more than `cost`."""
+        dearer = np.flatnonzero(self.cost > cost)
         return int(dearer[0]) if len(dearer) else len(self.cost)
 
-    def merges_for(self, objects: int) -> int:
-        """How many merges lead to so many objects, or to the least number above that there is."""
+    def merges_for_count(self, objects: int) -> int:
+        """Number of merges that leave `objects` groups, or the smallest possible number above."""
         return min(max(0, self.segments - objects), len(self.cost))
 
-    def after(self, merges: int) -> Array:
-        """(s,) int32: the object of every segment after so many merges, by lowest segment."""
+    def labels_after(self, merges: int) -> Array:
+        """(s,) int32: the object of every segment after the first merges, by lowest segment."""
         group = np.arange(self.segments)
-        group[self.merged[:merges]] = self.into[:merges]
+        group[self.child[:merges]] = self.parent[:merges]
         while not np.array_equal(group, group[group]):
             group = group[group]
         return np.unique(group, return_inverse=True)[1].astype(np.int32)
@@ -239,17 +243,17 @@ class Hierarchy:
 class Objects:
     """Groups of segments; row i is object i, numbered by lowest point."""
 
-    of_segment: Array  # (s,) int32: the object of every segment
+    segment_labels: Array  # (s,) int32: the object of every segment
     count: Array  # (o,) int64, points
     mean: Array  # (o, 3) float64, m, world frame
     covariance: Array  # (o, 3, 3) float64, m^2, divided by count
-    low: Array  # (o, 3) float64, m, world frame: corners of the box along the axes of the frame
-    high: Array  # (o, 3)
+    box_min: Array  # (o, 3) float64, m, world frame: corners of the axis-aligned bounding box
+    box_max: Array  # (o, 3)
     planarity: Array  # (o,) float64: of the covariance; the three add to 1
     cylindricality: Array  # (o,)
     sphericity: Array  # (o,)
     hierarchy: Hierarchy  # from which the objects are cut
-    ids: Array  # (o,) uint32, from 1, never used twice in a run; apart from those of segments
+    ids: Array  # (o,) uint32, from 1, never reused in a run; segments are numbered separately
     state: Array  # (o,) uint8, see State
     parents: Ragged  # (o,) rows of uint32: other old ids that gave points to the object
 
@@ -259,17 +263,17 @@ class Objects:
     @property
     def members(self) -> Ragged:
         """(o,) rows of int64: the segments of every object, ascending."""
-        counts = np.bincount(self.of_segment, minlength=len(self))
+        counts = np.bincount(self.segment_labels, minlength=len(self))
         starts = np.append(0, np.cumsum(counts))
-        return Ragged(starts, np.argsort(self.of_segment, kind="stable"))
+        return Ragged(starts, np.argsort(self.segment_labels, kind="stable"))
 
 
 class Kind(IntEnum):
-    """What a landmark's shape determines; the numbers are those of Landmark.msg."""
+    """Shape of a landmark; the numbers are those of Landmark.msg."""
 
-    PLANE = 0  # an offset and a normal
-    LINE = 1  # two lateral offsets and a direction
-    BLOB = 2  # a centre
+    PLANE = 0  # determines an offset and a normal
+    LINE = 1  # determines two lateral offsets and a direction
+    BLOB = 2  # determines a centre
 
 
 # By kind: which of the six small motions in the landmark's own axes (translations along x, y, z,
@@ -279,81 +283,83 @@ DETERMINED = {Kind.PLANE: (2, 3, 4), Kind.LINE: (1, 2, 4, 5), Kind.BLOB: (0, 1, 
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Parts of the scene that can be found again; row i is landmark i, ascending by id."""
+    """Planes, lines and blobs that can be observed again; row i is landmark i, ascending by id."""
 
-    ids: Array  # (l,) uint32, from 1, never used twice in a run
+    ids: Array  # (l,) uint32, from 1, never reused in a run
     kind: Array  # (l,) uint8, see Kind
     count: Array  # (l,) int64, points
     position: Array  # (l, 3) float64, m, world frame: mean of the points; of a line, on its axis
     axes: Array  # (l, 3, 3) float64, columns x, y, z: a rotation, landmark to world frame
     sigma: Array  # (l, 3) float64, m: standard deviations of the points along the axes
-    low: Array  # (l, 3) float64, m: corners of the box around the points, along the own axes
-    high: Array  # (l, 3): and from the position
-    covariance: Array  # (l, 6, 6): of the determined motions, see DETERMINED, m and rad; else 0
-    stability: Array  # (l,) float64: how far the last updates moved it, in standard deviations
+    box_min: Array  # (l, 3) float64, m: corners of the box around the points, along the
+    box_max: Array  # (l, 3) landmark's axes and relative to its position
+    covariance: Array  # (l, 6, 6), m, rad: of the determined motions, see DETERMINED; else 0
+    stability: Array  # (l,) float64: RMS motion in the last updates, in standard deviations
     first_seen_ns: Array  # (l,) int64: end of the window in which it was first a landmark
     segments: Ragged = field(default_factory=lambda: Ragged(np.zeros(1, np.int64), NOBODY))
     # (l,) rows of int64: the segments, ascending, that its points are in
-    of_point: Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    point_labels: Array = field(default_factory=lambda: np.zeros(0, np.int32))
     # (n,) int32: the landmark of every point of the window, -1 for none
     removed: Array = field(default_factory=lambda: np.zeros(0, np.uint32))
-    # (r,) uint32: ids that the last update had and this one has not
+    # (r,) uint32: ids of the last update that are not in this one
 
     def __len__(self) -> int:
         return len(self.ids)
 
 
 class Verdict(IntEnum):
-    """What an association can tell; the numbers are those of Association.msg."""
+    """Outcome of an association; the numbers are those of Association.msg."""
 
-    KNOWN = 0  # the transform, in all six directions
-    PARTIAL = 1  # some directions stay unknown: the landmarks do not determine them
+    KNOWN = 0  # the transform is known in all six directions
+    PARTIAL = 1  # the landmarks leave some directions undetermined
     AMBIGUOUS = 2  # another transform explains the landmarks nearly as well
-    TOO_FEW = 3  # what agrees may agree by chance
+    TOO_FEW = 3  # the matches may be due to chance
 
     @property
-    def tells(self) -> bool:
-        """Whether there is one transform, known in some directions at least."""
+    def has_transform(self) -> bool:
+        """Whether the transform is unique and known in some directions at least."""
         return self in (Verdict.KNOWN, Verdict.PARTIAL)
 
 
 @dataclass(frozen=True)
 class Association:
-    """Which landmarks of two sets are the same, and the transform between the sets.
+    """Correspondences between two sets of landmarks, with the aligning transform.
 
-    Small motions, in `covariance` and `unknown`, are those of the later set in the earlier one's
-    frame, after the transform: a translation (m) and a rotation vector (rad), about the moved
-    `centre`. A left perturbation: p -> exp(rotation) (T p - T centre) + T centre + translation.
+    A small motion, as in `covariance` and `undetermined`, is a translation (m) and a rotation
+    vector (rad) of the later set in the earlier one's frame, applied after the transform (left
+    perturbation) about the moved `centre`: p -> exp(rotation) (T p - T centre) + T centre +
+    translation.
     """
 
     pairs: Array  # (m, 2) int64: rows of the earlier and of the later set, ascending
     probability: Array  # (m,) float64: that the pair is right
-    distance: Array  # (m,) float64: of the two after the transform, in standard deviations
+    distance: Array  # (m,) float64: Mahalanobis distance of the pair after the transform
     T_earlier_later: Array  # (4, 4) float64: p_earlier = T p_later
-    covariance: Array  # (6, 6) m, rad; of the bounds that were asked for where nothing is known
+    covariance: Array  # (6, 6) m, rad: of the transform; that of the prior where it is not known
     centre: Array  # (3,) m: centroid of the later set, in its frame
-    unknown: Array  # (6, k) float64: orthonormal columns, motions that stay unknown; the rotations
-    lever: float  # m: in them are lengths, by this factor: where the landmarks are
+    undetermined: Array  # (6, k) float64: orthonormal columns, motions that are not known; their
+    # rotations are multiplied by the characteristic length
+    characteristic_length: float  # m: RMS distance of the later landmarks from the centre, >= 1
     verdict: Verdict
-    probability_of_transform: float  # that it is right, where it is known
+    transform_probability: float  # that the transform is right, in the directions that are known
 
     def __len__(self) -> int:
         return len(self.pairs)
 
     @property
-    def unknown_names(self) -> list[str]:
-        """The columns of `unknown` in words, such as "translation along (1.00, 0.00, 0.00)"."""
-        return [_motion_name(column[:3], column[3:]) for column in self.unknown.T]
+    def undetermined_names(self) -> list[str]:
+        """Descriptions of `undetermined`, such as "translation along (1.00, 0.00, 0.00)"."""
+        return [_motion_name(column[:3], column[3:]) for column in self.undetermined.T]
 
 
 def _motion_name(translation: Array, rotation: Array) -> str:
-    """A small motion in words: a translation, a rotation, or both if both matter."""
+    """Description of a small motion: its translation, its rotation, or both if both matter."""
     parts = []
-    for what, vector in (("translation along", translation), ("rotation about", rotation)):
+    for name, vector in (("translation along", translation), ("rotation about", rotation)):
         length = float(np.linalg.norm(vector))
         if length > NEGLIGIBLE:
             x, y, z = vector / length + 0.0
-            parts.append(f"{what} ({x:.2f}, {y:.2f}, {z:.2f})")
+            parts.append(f"{name} ({x:.2f}, {y:.2f}, {z:.2f})")
     return " with ".join(parts)
 
 
@@ -393,7 +399,7 @@ class Segmentation:
     removed: Array  # (r,) uint32: ids that the last update had and this one has not
     objects: Objects | None  # None: not asked for
     removed_objects: Array  # (r,) uint32: ids that the last update had and this one has not
-    touching: Boundaries | None  # which segments touch; None: neither objects nor landmarks are
+    adjacency: SegmentAdjacency | None  # None: neither objects nor landmarks are on
     landmarks: Landmarks | None  # None: not asked for
     first_seen_ns: Array  # (s,) int64: time of the oldest point
     last_seen_ns: Array  # (s,) int64: of the newest
@@ -423,7 +429,7 @@ class Segmentation:
         """(s,) uint32: the id of every segment's object, 0 without objects."""
         if self.objects is None:
             return np.zeros(len(self.ids), np.uint32)
-        return np.asarray(self.objects.ids[self.objects.of_segment])
+        return np.asarray(self.objects.ids[self.objects.segment_labels])
 
     @property
     def point_object_ids(self) -> Array:

@@ -50,12 +50,12 @@ def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
         level.nodes[:, CYLINDRICALITY].copy(),
     )
     return Objects(
-        of_segment=level.of_segment,
+        segment_labels=level.of_segment,
         count=level.nodes[:, COUNT].astype(np.int64),
         mean=level.nodes[:, MEAN : MEAN + 3] + origin,
         covariance=_matrices(level.nodes),
-        low=level.low + origin,
-        high=level.high + origin,
+        box_min=level.low + origin,
+        box_max=level.high + origin,
         planarity=planarity,
         cylindricality=cylindricality,
         sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
@@ -74,7 +74,7 @@ def landmark_records(found: Found, followed: Followed, labels: Array, origin: Ar
     order = np.argsort(followed.ids)
     rank = np.full(len(order) + 1, -1, np.int32)
     rank[order] = np.arange(len(order))
-    fits, of_point = chosen(found.fits, order), rank[found.of_point]
+    fits, point_labels = chosen(found.fits, order), rank[found.of_point]
     landmarks = Landmarks(
         ids=followed.ids[order],
         kind=found.kind[order],
@@ -82,23 +82,23 @@ def landmark_records(found: Found, followed: Followed, labels: Array, origin: Ar
         position=fits.position + origin,
         axes=fits.axes,
         sigma=fits.sigma,
-        low=fits.low,
-        high=fits.high,
+        box_min=fits.low,
+        box_max=fits.high,
         covariance=fits.covariance,
         stability=followed.stability[order],
         first_seen_ns=followed.first_seen_ns[order],
-        segments=_segments_of(of_point, labels, len(order)),
-        of_point=of_point,
+        segments=_segments_of(point_labels, labels, len(order)),
+        point_labels=point_labels,
         removed=followed.removed,
     )
     return landmarks
 
 
-def _segments_of(of_point: Array, labels: Array, landmarks: int) -> Ragged:
+def _segments_of(point_labels: Array, labels: Array, landmarks: int) -> Ragged:
     """The segments that the points of every landmark are in."""
-    rows = np.flatnonzero(of_point >= 0)
+    rows = np.flatnonzero(point_labels >= 0)
     segments = int(labels.max(initial=-1)) + 1
-    pairs = np.unique(of_point[rows].astype(np.int64) * segments + labels[rows])
+    pairs = np.unique(point_labels[rows].astype(np.int64) * segments + labels[rows])
     landmark, segment = np.divmod(pairs, max(1, segments))
     counts = np.bincount(landmark, minlength=landmarks)
     return Ragged(np.append(0, np.cumsum(counts)), segment)

@@ -27,7 +27,15 @@ from ellipseg_ros.landmarks.finder import find_landmarks
 from ellipseg_ros.landmarks.tracking import LandmarkTracker
 from ellipseg_ros.node.grouping import Before, and_then, why_restart
 from ellipseg_ros.objects.finder import find_objects
-from ellipseg_ros.records import SECOND, Array, Boundaries, Landmarks, Objects, Segmentation, Sweep
+from ellipseg_ros.records import (
+    SECOND,
+    Array,
+    Landmarks,
+    Objects,
+    SegmentAdjacency,
+    Segmentation,
+    Sweep,
+)
 from ellipseg_ros.result import ellipsoid_records, landmark_records, object_records
 
 SPARE = 1.5  # rows made per row needed, so that rows are renumbered seldom
@@ -186,8 +194,8 @@ class Segmenter:
         self._own = Own(own, times)
         facts = np.column_stack([own[:, : MEAN + 3], own[:, COVARIANCE:], merged.aicc])
         tracks = self._tracker.assign(now.arrival, labels, facts, merged.before)
-        touching = self._touching(merged.labels, len(own))
-        objects, removed_objects = self._objects(labels, merged.labels, own, touching)
+        adjacency = self._adjacency(merged.labels, len(own))
+        objects, removed_objects = self._objects(labels, merged.labels, own, adjacency)
         model = self._merge.nodes[merged.roots]
         for column in (labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
@@ -209,8 +217,8 @@ class Segmenter:
             removed=tracks.removed,
             objects=objects,
             removed_objects=removed_objects,
-            touching=touching,
-            landmarks=self._landmarks(labels, own, touching),
+            adjacency=adjacency,
+            landmarks=self._landmarks(labels, own, adjacency),
             first_seen_ns=times[:, 0],
             last_seen_ns=times[:, 1],
             start_ns=self._window.start_ns,
@@ -225,23 +233,23 @@ class Segmenter:
         self._restart = self._threshold_change = ""
         return found
 
-    def _touching(self, rows: Array, segments: int) -> Boundaries | None:
+    def _adjacency(self, rows: Array, segments: int) -> SegmentAdjacency | None:
         """Which segments touch, for who needs it; labels of the graph's rows."""
         if not (self._config.objects.enabled or self._config.landmarks.enabled):
             return None
         return boundaries(self._neighbours.rows, rows, segments)
 
     def _objects(
-        self, labels: Array, rows: Array, own: Array, touching: Boundaries | None
+        self, labels: Array, rows: Array, own: Array, adjacency: SegmentAdjacency | None
     ) -> tuple[Objects | None, Array]:
         """Group the segments; labels of the window's points, and of the graph's rows.
 
         Returns the ids of objects that are no more, too.
         """
-        if touching is None or not self._config.objects.enabled:
+        if adjacency is None or not self._config.objects.enabled:
             return None, self._object_tracker.end()
         points, nodes = self._neighbours.points, self._merge.nodes
-        level = find_objects(points, nodes, rows, own, touching, self._config.objects)
+        level = find_objects(points, nodes, rows, own, adjacency, self._config.objects)
         object_labels = np.append(level.of_segment, np.int32(-1))[np.maximum(labels, -1)]
         facts = np.column_stack([level.nodes[:, : MEAN + 3], level.nodes[:, COVARIANCE:]])
         arrival = self._window.points.arrival
@@ -251,13 +259,13 @@ class Segmenter:
         return object_records(level, tracks, self._window.origin), tracks.removed
 
     def _landmarks(
-        self, labels: Array, own: Array, touching: Boundaries | None
+        self, labels: Array, own: Array, adjacency: SegmentAdjacency | None
     ) -> Landmarks | None:
         """Choose the landmarks; labels of the window's points."""
-        if touching is None or not self._config.landmarks.enabled:
+        if adjacency is None or not self._config.landmarks.enabled:
             return None
         now, origin = self._window.points, self._window.origin
         config = self._config.landmarks
-        found = find_landmarks(now.position - origin, labels, own, touching, config)
+        found = find_landmarks(now.position - origin, labels, own, adjacency, config)
         followed = self._landmark_tracker.follow(now.arrival, found, self._window.end_ns)
         return landmark_records(found, followed, labels, origin)

@@ -92,7 +92,7 @@ def town(rng: np.random.Generator) -> Landmarks:
         found = join(found, thing(kind, np.append(place, 1.5), azimuth, rng))
     ground = thing(Kind.PLANE, np.zeros(3), 0.0, rng)
     half = np.array([[80.0, 80.0, 0.05]])
-    return join(found, replace(ground, axes=np.eye(3)[None], low=-half, high=half))
+    return join(found, replace(ground, axes=np.eye(3)[None], box_min=-half, box_max=half))
 
 
 def inside(place: np.ndarray) -> bool:
@@ -123,8 +123,8 @@ def thing(kind: Kind, place: np.ndarray, azimuth: float, rng: np.random.Generato
         position=place[None],
         axes=axes[None],
         sigma=half[None] / np.sqrt(3.0),
-        low=-half[None],
-        high=half[None],
+        box_min=-half[None],
+        box_max=half[None],
         covariance=covariance[None],
         stability=np.zeros(1),
         first_seen_ns=np.zeros(1, np.int64),
@@ -251,7 +251,8 @@ def main() -> None:
     """Print what was found; draw it, if a file is named."""
     result = drive()
     found = result.association
-    print(f"{len(found)} pairs, {found.verdict.name}; unknown: {found.unknown_names or 'nothing'}")
+    print(f"{len(found)} pairs, {found.verdict.name}")
+    print(f"undetermined: {found.undetermined_names or 'nothing'}")
     print(f"error of the odometry {result.error(result.odometry):.3f} m")
     print(f"error of the closed loop {result.error(result.closed):.3f} m")
     if len(sys.argv) > 1:

@@ -56,12 +56,12 @@ def objects(labels, of_segment, rng):
     like = ellipsoids(count, rng)
     size = rng.exponential(size=(o, 3))
     return Objects(
-        of_segment=of_segment,
+        segment_labels=of_segment,
         count=like.count,
         mean=like.mean,
         covariance=like.covariance,
-        low=like.mean - size,
-        high=like.mean + size,
+        box_min=like.mean - size,
+        box_max=like.mean + size,
         planarity=like.planarity,
         cylindricality=like.cylindricality,
         sphericity=like.sphericity,
@@ -74,8 +74,8 @@ def objects(labels, of_segment, rng):
 
 def landmarks(labels, rng, end_ns, count=7):
     """Random landmarks, each made of random points."""
-    of_point = np.where(labels >= 0, rng.integers(-1, count, len(labels)), -1).astype(np.int32)
-    rows = [np.unique(labels[of_point == row]) for row in range(count)]
+    point_labels = np.where(labels >= 0, rng.integers(-1, count, len(labels)), -1).astype(np.int32)
+    rows = [np.unique(labels[point_labels == row]) for row in range(count)]
     covariance = rng.normal(size=(count, 6, 6))
     return Landmarks(
         ids=np.sort(rng.choice(99, count, replace=False) + 1).astype(np.uint32),
@@ -84,13 +84,13 @@ def landmarks(labels, rng, end_ns, count=7):
         position=rng.normal(scale=20.0, size=(count, 3)),
         axes=Rotation.random(count, random_state=5).as_matrix(),
         sigma=np.sort(rng.uniform(0.01, 3.0, (count, 3)))[:, ::-1],
-        low=rng.uniform(-3.0, -1.0, (count, 3)),
-        high=rng.uniform(1.0, 3.0, (count, 3)),
+        box_min=rng.uniform(-3.0, -1.0, (count, 3)),
+        box_max=rng.uniform(1.0, 3.0, (count, 3)),
         covariance=covariance @ covariance.transpose(0, 2, 1),
         stability=rng.uniform(0.0, 2.0, count),
         first_seen_ns=end_ns - rng.integers(0, 10**11, count),
         segments=Ragged(np.append(0, np.cumsum([len(r) for r in rows])), np.concatenate(rows)),
-        of_point=of_point,
+        point_labels=point_labels,
         removed=np.array([100, 107], np.uint32),
     )
 
@@ -120,7 +120,7 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "removed": np.array([77, 78], np.uint32),
         "objects": objects(labels, of_segment.astype(np.int32), rng),
         "removed_objects": np.array([5, 55], np.uint32),
-        "touching": None,
+        "adjacency": None,
         "landmarks": landmarks(labels, rng, end_ns),
         "first_seen_ns": end_ns - rng.integers(10**10, 2 * 10**10, segments),
         "last_seen_ns": end_ns - rng.integers(0, 10**10, segments),

@@ -40,8 +40,8 @@ def landmarks(kind, position, axes, half, covariance=None):
         position=np.asarray(position, np.float64).reshape(n, 3),
         axes=np.asarray(axes, np.float64).reshape(n, 3, 3),
         sigma=np.asarray(half, np.float64).reshape(n, 3) / np.sqrt(3.0),
-        low=-np.asarray(half, np.float64).reshape(n, 3),
-        high=np.asarray(half, np.float64).reshape(n, 3),
+        box_min=-np.asarray(half, np.float64).reshape(n, 3),
+        box_max=np.asarray(half, np.float64).reshape(n, 3),
         covariance=covariance,
         stability=np.zeros(n),
         first_seen_ns=np.zeros(n, np.int64),
@@ -112,7 +112,7 @@ def noisy(found, rng):
         )
         slide = np.zeros(3)  # where another part of it is seen
         free = {Kind.PLANE: 2, Kind.LINE: 1, Kind.BLOB: 0}[kind]
-        slide[:free] = rng.uniform(-0.4, 0.4, free) * found.high[row, :free]
+        slide[:free] = rng.uniform(-0.4, 0.4, free) * found.box_max[row, :free]
         position[row] += axes[row] @ (error[:3] + slide)
         axes[row] = axes[row] @ Rotation.from_rotvec(error[3:]).as_matrix()
         if rng.random() < 0.5:

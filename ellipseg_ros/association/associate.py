@@ -63,8 +63,8 @@ def warm_up() -> None:
         position=np.arange(3.0 * n).reshape(n, 3) ** 1.5,
         axes=np.tile(np.eye(3), (n, 1, 1)),
         sigma=np.ones((n, 3)),
-        low=-np.ones((n, 3)),
-        high=np.ones((n, 3)),
+        box_min=-np.ones((n, 3)),
+        box_max=np.ones((n, 3)),
         covariance=covariance,
         stability=np.zeros(n),
         first_seen_ns=np.zeros(n, np.int64),
@@ -107,7 +107,7 @@ def difference(
 def _order(name: str, landmarks: Landmarks) -> Array:
     """Rows in an order that depends on the landmarks alone; refuses what is not finite."""
     parts = [landmarks.position, landmarks.axes, landmarks.sigma, landmarks.covariance]
-    for column in (*parts, landmarks.low, landmarks.high):
+    for column in (*parts, landmarks.box_min, landmarks.box_max):
         fine = np.isfinite(column).all(axis=tuple(range(1, column.ndim)))
         if not fine.all():
             raise InputError(
@@ -161,10 +161,10 @@ def _conclude(
         T_earlier_later=best.fit.transform,
         covariance=covariance,
         centre=problem.centre,
-        unknown=unknown,
-        lever=lever,
+        undetermined=unknown,
+        characteristic_length=lever,
         verdict=Verdict.AMBIGUOUS if doubtful else known,
-        probability_of_transform=float(odds[0]),
+        transform_probability=float(odds[0]),
     )
 
 
@@ -179,10 +179,10 @@ def _nothing(problem: Problem, config: AssociationConfig) -> Association:
         T_earlier_later=np.eye(4),
         covariance=covariance,
         centre=problem.centre,
-        unknown=unknown,
-        lever=lever,
+        undetermined=unknown,
+        characteristic_length=lever,
         verdict=Verdict.TOO_FEW,
-        probability_of_transform=0.0,
+        transform_probability=0.0,
     )
 
 

@@ -18,8 +18,8 @@ ROW_SHAPES = {  # of the arrays of Landmarks: of one row, and type
     "position": ((3,), np.float64),
     "axes": ((3, 3), np.float64),
     "sigma": ((3,), np.float64),
-    "low": ((3,), np.float64),
-    "high": ((3,), np.float64),
+    "box_min": ((3,), np.float64),
+    "box_max": ((3,), np.float64),
     "covariance": ((6, 6), np.float64),
     "stability": ((), np.float64),
     "first_seen_ns": ((), np.int64),
@@ -80,11 +80,11 @@ def check(landmarks: Landmarks) -> None:
             raise InputError(f"{name} has a value that is not finite", "map")
     if (landmarks.kind >= len(Kind)).any():
         raise InputError(f"kind is {landmarks.kind.max()}; it must be below {len(Kind)}", "map")
-    for name in ("position", "sigma", "low", "high", "axes"):
+    for name in ("position", "sigma", "box_min", "box_max", "axes"):
         if np.abs(getattr(landmarks, name)).max(initial=0.0) > LARGEST:
             raise InputError(f"{name} has a value beyond {LARGEST:g}; it is no measurement", "map")
-    if (landmarks.sigma < 0.0).any() or (landmarks.low > landmarks.high).any():
-        raise InputError("sigma is below 0, or low above high, of a landmark", "map")
+    if (landmarks.sigma < 0.0).any() or (landmarks.box_min > landmarks.box_max).any():
+        raise InputError("sigma is below 0, or box_min above box_max, of a landmark", "map")
     _check_covariance(landmarks.covariance)
     product = np.einsum("nki,nkj->nij", landmarks.axes, landmarks.axes)
     if np.abs(product - np.eye(3)).max(initial=0.0) > 1e-6:

@@ -53,7 +53,7 @@ def things(landmarks: Landmarks, order: Array, noise: float, angle_noise: float)
     """Rows of the landmarks in a given order; noise in m and rad, added to their covariance."""
     rows = (landmarks.kind, landmarks.position, landmarks.axes, landmarks.covariance)
     kind, position, axes, covariance = (column[order] for column in rows)
-    low, high, sigma = landmarks.low[order], landmarks.high[order], landmarks.sigma[order]
+    low, high, sigma = landmarks.box_min[order], landmarks.box_max[order], landmarks.sigma[order]
     floor = np.repeat([noise * noise, angle_noise * angle_noise], 3) / 2.0  # half from each
     determined = np.array([[k in DETERMINED[Kind(row)] for k in range(6)] for row in range(3)])
     covariance = covariance + (determined[kind] * floor)[:, :, None] * np.eye(6)

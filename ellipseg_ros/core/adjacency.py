@@ -4,12 +4,12 @@ import numpy as np
 
 from ellipseg_ros.core.edges import lists
 from ellipseg_ros.core.jit import for_parts, kernel
-from ellipseg_ros.records import Array, Boundaries
+from ellipseg_ros.records import Array, SegmentAdjacency
 
 PARTS = 8  # of the rows, between the threads
 
 
-def boundaries(neighbours: Array, labels: Array, segments: int) -> Boundaries:
+def boundaries(neighbours: Array, labels: Array, segments: int) -> SegmentAdjacency:
     """The pairs of segments that edges of the graph join.
 
     neighbours: (rows, k) int32, -1 for none; labels: (rows,) int32, -1 for no vertex of the graph.
@@ -21,9 +21,9 @@ def boundaries(neighbours: Array, labels: Array, segments: int) -> Boundaries:
     counts = np.zeros(PARTS, np.int64)
     parts = [(part, part + 1) for part in range(PARTS)]
     for_parts(parts, _crossing, cuts, neighbours, labels, low, high, counts)
-    made = Boundaries(*(np.empty(int(counts.sum()), np.int32) for _ in range(3)))
+    made = SegmentAdjacency(*(np.empty(int(counts.sum()), np.int32) for _ in range(3)))
     count = _tally(cuts * k, counts, low, high, segments, made)
-    return Boundaries(*(column[:count].copy() for column in made))
+    return SegmentAdjacency(*(column[:count].copy() for column in made))
 
 
 @kernel
@@ -75,6 +75,6 @@ def _tally(cuts, counts, low, high, segments, made):
             length[b] += 1
         made.b[first:found].sort()
         for pair in range(first, found):
-            made.length[pair] = length[made.b[pair]]
+            made.edge_count[pair] = length[made.b[pair]]
             length[made.b[pair]] = 0
     return found

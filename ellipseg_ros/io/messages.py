@@ -65,7 +65,7 @@ def _ascending(ids: Array, listed: Array | None) -> Array:
 def _write_objects(out: Cdr, objects: Objects, ids: Array, order: Array) -> None:
     """The objects of these rows; ids (s,) of all segments."""
     columns = {name: column[order] for name, column in _object_columns(objects).items()}
-    by_object = np.lexsort((ids, objects.of_segment))
+    by_object = np.lexsort((ids, objects.segment_labels))
     members = Ragged(objects.members.starts, ids[by_object])
     out.records(columns, sequences(_rows(members, order), _rows(objects.parents, order)))
 
@@ -78,8 +78,8 @@ def _object_columns(objects: Objects) -> dict[str, Array]:
         "count": objects.count.astype(np.uint32),
         "mean": objects.mean,
         "covariance": objects.covariance.reshape(-1, 9),
-        "low": objects.low,
-        "high": objects.high,
+        "low": objects.box_min,
+        "high": objects.box_max,
         "planarity": objects.planarity,
         "cylindricality": objects.cylindricality,
         "sphericity": objects.sphericity,
@@ -164,8 +164,8 @@ def _landmark_columns(landmarks: Landmarks) -> dict[str, Array]:
         "position": landmarks.position,
         "orientation": quaternions(landmarks.axes),
         "sigma": landmarks.sigma,
-        "low": landmarks.low,
-        "high": landmarks.high,
+        "low": landmarks.box_min,
+        "high": landmarks.box_max,
         "covariance": landmarks.covariance.reshape(-1, 36),
         "stability": landmarks.stability,
         "first_seen": _times(landmarks.first_seen_ns),

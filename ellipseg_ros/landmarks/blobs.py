@@ -10,7 +10,7 @@ from ellipseg_ros.core.ellipsoids import EIGENVALUES, MEAN, V1, V2, V3, united
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.members import Members, members
 from ellipseg_ros.landmarks.fits import Fits, no_fits, passages
-from ellipseg_ros.records import Array, Boundaries
+from ellipseg_ros.records import Array, SegmentAdjacency
 
 LARGEST = 0.3  # m: greatest standard deviation of a blob
 ROUND = 0.3  # least one, as a share of the greatest
@@ -19,14 +19,14 @@ ONE_SIDE = 0.25  # error of the centre by standard deviation: a blob is not seen
 
 
 def find_blobs(
-    points: Array, labels: Array, own: Array, touching: Boundaries, free: Array
+    points: Array, labels: Array, own: Array, adjacency: SegmentAdjacency, free: Array
 ) -> tuple[Fits, Members]:
     """All that hangs together of the segments that are `free` (s,): of no plane and no line.
 
     points (n, 3) m, local origin; labels (n,) int32, negative for none; own (s, 24).
     """
     above = np.arange(len(own), dtype=np.int32)
-    _connect(touching.a, touching.b, free, above)
+    _connect(adjacency.a, adjacency.b, free, above)
     group = np.full(len(own), -1, np.int32)
     group[free] = np.unique(above[free], return_inverse=True)[1].reshape(-1)
     count = int(group.max(initial=-1)) + 1

@@ -12,7 +12,7 @@ from ellipseg_ros.landmarks.blobs import compact, find_blobs
 from ellipseg_ros.landmarks.fits import Fits, chosen, joined
 from ellipseg_ros.landmarks.lines import find_lines
 from ellipseg_ros.landmarks.planes import find_planes
-from ellipseg_ros.records import DETERMINED, Array, Boundaries, Kind
+from ellipseg_ros.records import DETERMINED, Array, Kind, SegmentAdjacency
 
 LEVER = 5.0  # m: a registration error turns a landmark as if it differed over this length
 
@@ -26,22 +26,22 @@ class Found(NamedTuple):
 
 
 def find_landmarks(
-    points: Array, labels: Array, own: Array, touching: Boundaries, config: LandmarksConfig
+    points: Array, labels: Array, own: Array, adjacency: SegmentAdjacency, config: LandmarksConfig
 ) -> Found:
     """Choose the landmarks of a window.
 
     points (n, 3) m, local origin; labels (n,) int32: the segment of every point, negative for
-    none; own (s, 24): moments of the segments' points; touching: which segments touch.
+    none; own (s, 24): moments of the segments' points; adjacency: which segments touch.
     """
     each = np.arange(len(own), dtype=np.int32)
-    planes = find_planes(points, labels, own, touching, config)
+    planes = find_planes(points, labels, own, adjacency, config)
     inside, around = members(labels, each, len(own)), boxes(points, labels, each, len(own))
     lines = find_lines(points, inside, own, around, planes.flat, config)
     taken = lines.taken
     taken[planes.points.rows] = True
     of_lines = np.bincount(labels[taken & (labels >= 0)], minlength=len(own))
     free = ~planes.flat & (of_lines < 0.5 * own[:, COUNT])
-    blobs, of_blobs = find_blobs(points, labels, own, touching, free)
+    blobs, of_blobs = find_blobs(points, labels, own, adjacency, free)
     good = compact(blobs, config)
 
     lots = [planes.fits, lines.fits, chosen(blobs, good)]

@@ -16,11 +16,13 @@ def landmarks(found: Segmentation, config: LandmarksConfig | None = None) -> Lan
 
     InputError if it does not know which segments touch.
     """
-    if found.touching is None:
-        raise InputError("the segmentation has no `touching`; segment with objects or landmarks")
+    if found.adjacency is None:
+        raise InputError("the segmentation has no `adjacency`; segment with objects or landmarks")
     points = found.points - found.origin
     count = len(found.ellipsoids)
     own = segment_moments(points, found.labels, np.full(count, -1), np.zeros((0, WIDTH)))
-    chosen = find_landmarks(points, found.labels, own, found.touching, config or LandmarksConfig())
+    chosen = find_landmarks(
+        points, found.labels, own, found.adjacency, config or LandmarksConfig()
+    )
     followed = LandmarkTracker().follow(found.arrival, chosen, found.end_ns)
     return landmark_records(chosen, followed, found.labels, found.origin)

@@ -22,7 +22,7 @@ from ellipseg_ros.core.linalg.eigen import eigen
 from ellipseg_ros.core.members import Boxes, Members, boxes, members
 from ellipseg_ros.landmarks.fits import CHUNKS, Fits, chosen, no_fits, passages, uncertainty
 from ellipseg_ros.objects.agglomeration import flat_groups
-from ellipseg_ros.records import Array, Boundaries
+from ellipseg_ros.records import Array, SegmentAdjacency
 
 NARROWEST = 0.5  # m: least standard deviation along a plane,
 PART = 0.2  # m: and along a part of one
@@ -45,7 +45,7 @@ class Planes(NamedTuple):
 
 
 def find_planes(
-    points: Array, labels: Array, own: Array, touching: Boundaries, config: LandmarksConfig
+    points: Array, labels: Array, own: Array, adjacency: SegmentAdjacency, config: LandmarksConfig
 ) -> Planes:
     """The flat surfaces of a window.
 
@@ -53,7 +53,7 @@ def find_planes(
     What is flat together grows together; parts that lie in one plane near one another are one.
     What is crooked must be the wider to be a plane: else it is a tile of something round.
     """
-    group = flat_groups(own, touching, config.roughness)
+    group = flat_groups(own, adjacency, config.roughness)
     nodes = united(own, group, int(group.max(initial=-1)) + 1)
     sigma = np.sqrt(nodes[:, EIGENVALUES : EIGENVALUES + 3])  # ascending
     flat = (sigma[:, 1] >= PART) & (sigma[:, 0] < FLAT * sigma[:, 1])

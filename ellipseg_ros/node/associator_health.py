@@ -64,7 +64,7 @@ class AssociatorHealth:
             **{name.lower().replace("_", " "): str(self._total[name]) for name in names},
             "last verdict": last.verdict.name if last else "",
             "last pairs": str(len(last)) if last else "",
-            "last unknown": "; ".join(last.unknown_names) if last else "",
+            "last unknown": "; ".join(last.undetermined_names) if last else "",
             "time since the last landmarks [s]": f"{time.monotonic() - self._heard_at:.1f}",
             "memory [MB]": f"{resident_mb():.0f}",
             **quantiles("processing", self._times),

@@ -12,7 +12,7 @@ from ellipseg_ros.core.ellipsoids import COUNT, COVARIANCE, EIGENVALUES, MEAN, u
 from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
 from ellipseg_ros.objects.indexed_heap import NOWHERE, empty_heap, remove, set_cost
-from ellipseg_ros.records import Array, Boundaries, Hierarchy
+from ellipseg_ros.records import Array, Hierarchy, SegmentAdjacency
 
 NONE = -1
 
@@ -35,7 +35,7 @@ class Groups(NamedTuple):
 
 
 def merge_segments(
-    nodes: Array, features: Array, touching: Boundaries, thickness: float
+    nodes: Array, features: Array, adjacency: SegmentAdjacency, thickness: float
 ) -> Hierarchy:
     """Merge all segments that touch, directly or through others, the best pair first.
 
@@ -48,36 +48,36 @@ def merge_segments(
     by how much the squared deviations from the mean features grow (Ward 1963), per boundary. Ties:
     the lower segments, a before b.
     """
-    groups = _groups(nodes, features, touching)
+    groups = _groups(nodes, features, adjacency)
     merges = np.empty((2, max(0, len(nodes) - 1)), np.int32)
     cost = np.zeros(merges.shape[1])
-    heap = empty_heap(len(touching.a))
+    heap = empty_heap(len(adjacency.a))
     flat = _merge_flat(groups, thickness, heap, merges)
     count = _merge_alike(groups, heap, flat, merges, cost)
     return Hierarchy(merges[0, :count], merges[1, :count], cost[:count], len(nodes))
 
 
-def flat_groups(nodes: Array, touching: Boundaries, thickness: float) -> Array:
+def flat_groups(nodes: Array, adjacency: SegmentAdjacency, thickness: float) -> Array:
     """The group (s,) int32 of every segment when only what is flat together has been merged.
 
     nodes (s, 24), thickness: as for `merge_segments`, of which this is the first part.
     """
-    groups = _groups(nodes, np.zeros((len(nodes), 0)), touching)
+    groups = _groups(nodes, np.zeros((len(nodes), 0)), adjacency)
     merges = np.empty((2, max(0, len(nodes) - 1)), np.int32)
-    count = _merge_flat(groups, thickness, empty_heap(len(touching.a)), merges)
-    return Hierarchy(merges[0, :count], merges[1, :count], np.zeros(count), len(nodes)).after(
-        count
-    )
+    count = _merge_flat(groups, thickness, empty_heap(len(adjacency.a)), merges)
+    return Hierarchy(
+        merges[0, :count], merges[1, :count], np.zeros(count), len(nodes)
+    ).labels_after(count)
 
 
-def _groups(nodes: Array, features: Array, touching: Boundaries) -> Groups:
-    segments, pairs = len(nodes), len(touching.a)
+def _groups(nodes: Array, features: Array, adjacency: SegmentAdjacency) -> Groups:
+    segments, pairs = len(nodes), len(adjacency.a)
     groups = Groups(
         nodes=nodes.copy(),
         features=features.copy(),
-        left=touching.a.copy(),
-        right=touching.b.copy(),
-        length=touching.length.astype(np.float64),
+        left=adjacency.a.copy(),
+        right=adjacency.b.copy(),
+        length=adjacency.edge_count.astype(np.float64),
         first=np.full(segments, NONE, np.int32),
         following=np.full(2 * pairs, NONE, np.int32),
         met=np.full(segments, NONE, np.int32),

@@ -14,7 +14,7 @@ from ellipseg_ros.core.ellipsoids import EIGENVALUES, V1, V2, V3, united
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.members import boxes
 from ellipseg_ros.objects.agglomeration import merge_segments
-from ellipseg_ros.records import Array, Boundaries, Hierarchy
+from ellipseg_ros.records import Array, Hierarchy, SegmentAdjacency
 
 FEATURES = 4  # linearity, planarity, scattering, twice the verticality
 
@@ -34,18 +34,18 @@ def find_objects(
     nodes: Array,
     labels: Array,
     own: Array,
-    touching: Boundaries,
+    adjacency: SegmentAdjacency,
     config: ObjectsConfig,
 ) -> Level:
     """Group segments into objects, numbered by their lowest segment.
 
     points (rows, 3) m; nodes (rows and more, 24): initial ellipsoids; labels (rows,) int32: the
-    segment of every vertex, -1 for none; own (s, 24): moments of the segments' points; touching:
+    segment of every vertex, -1 for none; own (s, 24): moments of the segments' points; adjacency:
     which of them touch.
     """
     features = segment_features(nodes, labels, len(own))
-    hierarchy = merge_segments(own, features, touching, config.thickness)
-    of_segment = hierarchy.after(hierarchy.merges_at(config.scale))
+    hierarchy = merge_segments(own, features, adjacency, config.thickness)
+    of_segment = hierarchy.labels_after(hierarchy.merges_up_to(config.scale))
     count = int(of_segment.max(initial=-1)) + 1
     low, high = boxes(points, labels, of_segment, count)
     return Level(of_segment, united(own, of_segment, count), low, high, hierarchy)

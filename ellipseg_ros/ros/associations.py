@@ -33,10 +33,10 @@ def association_message(
         ),
         centre=_point(found.centre),
         covariance=found.covariance.ravel().tolist(),
-        probability=found.probability_of_transform,
-        unknown=found.unknown.T.ravel().tolist(),
-        unknown_names=found.unknown_names,
-        lever=found.lever,
+        probability=found.transform_probability,
+        unknown=found.undetermined.T.ravel().tolist(),
+        unknown_names=found.undetermined_names,
+        lever=found.characteristic_length,
     )
 
 
@@ -59,7 +59,7 @@ def association_markers(
     """A line from every landmark to its like in the map; none takes the old lines away."""
     marker = Marker(header=header, ns=NAMESPACE, action=Marker.DELETE, type=Marker.LINE_LIST)
     if len(found):
-        red, green, blue = LIKELY if found.verdict.tells else UNLIKELY
+        red, green, blue = LIKELY if found.verdict.has_transform else UNLIKELY
         marker.action = Marker.ADD
         marker.pose.orientation.w = 1.0
         marker.scale.x = WIDTH

@@ -101,7 +101,7 @@ class AssociatorNode:
             self._health.rejected(str(error))
             self._log.warning(f"landmarks rejected: {error}", **throttled())
             return
-        if found.verdict.tells:
+        if found.verdict.has_transform:
             self._map.recognized(live.ids[found.pairs[:, 1]])
         send(self._associations, lambda: association_message(found, known, live, msg.header))
         send(self._markers, lambda: association_markers(found, known, live, msg.header))

@@ -59,7 +59,11 @@ def digest(found: Segmentation) -> str:
     sums = hashlib.sha256()
     columns = [found.labels, *vars(found.ellipsoids).values()]
     if found.objects is not None:
-        columns += [found.objects.of_segment, found.objects.low, found.objects.hierarchy.cost]
+        columns += [
+            found.objects.segment_labels,
+            found.objects.box_min,
+            found.objects.hierarchy.cost,
+        ]
     for column in columns:
         sums.update(np.ascontiguousarray(column).tobytes())
     return sums.hexdigest()

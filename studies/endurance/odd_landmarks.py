@@ -69,7 +69,14 @@ def _recognize(stored: LandmarkMap, message: Any, tally: Tally) -> None:
     stored.update(live, stamp_ns, frame_id, message.sequence)
     found = associate(stored.known().landmarks, live, AssociationConfig())
     tally.updates += 1
-    for name in ("probability", "distance", "T_earlier_later", "covariance", "centre", "unknown"):
+    for name in (
+        "probability",
+        "distance",
+        "T_earlier_later",
+        "covariance",
+        "centre",
+        "undetermined",
+    ):
         if not np.isfinite(getattr(found, name)).all():
             raise FloatingPointError(f"{name} of the association is not finite")
 

@@ -17,8 +17,16 @@ NUMBERS = {  # that must be finite, by record
         *("mean", "covariance", "eigenvalues", "axes", "planarity", "cylindricality"),
         *("sphericity", "aicc", "model_mean", "model_covariance"),
     ),
-    "objects": ("mean", "covariance", "low", "high", "planarity", "cylindricality", "sphericity"),
-    "landmarks": ("position", "axes", "sigma", "low", "high", "covariance", "stability"),
+    "objects": (
+        "mean",
+        "covariance",
+        "box_min",
+        "box_max",
+        "planarity",
+        "cylindricality",
+        "sphericity",
+    ),
+    "landmarks": ("position", "axes", "sigma", "box_min", "box_max", "covariance", "stability"),
 }
 
 

@@ -60,7 +60,9 @@ def _near(earlier: Landmarks, later: Landmarks) -> Pairs:
     """All pairs whose boxes may overlap: the balls around them do."""
     if not len(earlier) or not len(later):
         return Pairs(np.zeros(0, np.int64), np.zeros(0, np.int64))
-    reach = [np.linalg.norm(np.maximum(-one.low, one.high), axis=1) for one in (earlier, later)]
+    reach = [
+        np.linalg.norm(np.maximum(-one.box_min, one.box_max), axis=1) for one in (earlier, later)
+    ]
     wide = BLOB_OFFSET + reach[0] + np.quantile(reach[1], 0.95)
     small = np.flatnonzero(reach[1] <= np.quantile(reach[1], 0.95))
     lists = tree(later.position[small]).query_ball_point(earlier.position, wide)
@@ -75,7 +77,7 @@ def _differences(earlier: Landmarks, later: Landmarks, pairs: Pairs) -> tuple[Ar
     """Distance, m, and angle, rad, in what is determined, and whether the boxes overlap."""
     a, b = pairs
     low, high = _box_in(later, b, earlier.position[a], earlier.axes[a])
-    low, high = np.maximum(low, earlier.low[a]), np.minimum(high, earlier.high[a])
+    low, high = np.maximum(low, earlier.box_min[a]), np.minimum(high, earlier.box_max[a])
     middle, kind = 0.5 * (low + high), earlier.kind[a]
     plane, line = kind == Kind.PLANE, kind == Kind.LINE
     middle[plane, 2] = 0.0
@@ -97,7 +99,7 @@ def _differences(earlier: Landmarks, later: Landmarks, pairs: Pairs) -> tuple[Ar
 
 def _box_in(landmarks: Landmarks, rows: Array, origin: Array, axes: Array) -> tuple[Array, Array]:
     """The boxes of landmarks, along other axes (p, 3, 3) and from other origins (p, 3)."""
-    low, high = landmarks.low[rows], landmarks.high[rows]
+    low, high = landmarks.box_min[rows], landmarks.box_max[rows]
     corners = low[:, None, :] + CORNERS[None] * (high - low)[:, None, :]
     world = np.einsum("pij,pcj->pci", landmarks.axes[rows], corners)
     world += (landmarks.position[rows] - origin)[:, None, :]

@@ -103,12 +103,12 @@ def as_landmarks(what: Gaussians) -> Landmarks:
         position=what.mean[kept],
         axes=axes,
         sigma=sigma,
-        low=-BOX * sigma,
-        high=BOX * sigma,
+        box_min=-BOX * sigma,
+        box_max=BOX * sigma,
         covariance=np.zeros((len(kept), 6, 6)),  # nobody knows
         stability=np.zeros(len(kept)),
         first_seen_ns=np.zeros(len(kept), np.int64),
-        of_point=rank[np.maximum(what.of_point, -1)],
+        point_labels=rank[np.maximum(what.of_point, -1)],
     )
 
 

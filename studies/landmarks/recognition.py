@@ -57,7 +57,7 @@ def things(landmarks: Landmarks, sweep: Sweep) -> list[Shares]:
     if sweep.fields is None or "instance" not in (sweep.fields.dtype.names or ()):
         return found
     instance = sweep.fields["instance"].astype(np.int64)
-    pairs = np.column_stack([landmarks.of_point, instance])[landmarks.of_point >= 0]
+    pairs = np.column_stack([landmarks.point_labels, instance])[landmarks.point_labels >= 0]
     rows, counts = np.unique(pairs, axis=0, return_counts=True)
     whole = np.bincount(pairs[:, 0], minlength=len(landmarks))
     for (row, thing), count in zip(rows, counts, strict=True):
@@ -97,7 +97,7 @@ def recognition(sets: Sets, drift: tuple[float, float], seed: int, honest: bool)
     return {
         "landmarks": [len(earlier), len(later)],
         "verdict": found.verdict.name,
-        "unknown": found.unknown.shape[1],
+        "unknown": found.undetermined.shape[1],
         "pairs": len(found),
         "right": int(np.sum(right)),
         "agree": int(same[i, j].sum()),
@@ -146,9 +146,9 @@ def motion_error(found: Association, transform: Array) -> Array:
 
 def known_error(found: Association, transform: Array) -> tuple[float, float]:
     """Error along the directions that are said to be known: m, degrees."""
-    scale = np.repeat([1.0, found.lever], 3)
+    scale = np.repeat([1.0, found.characteristic_length], 3)
     error = motion_error(found, transform) * scale
-    error = (error - found.unknown @ (found.unknown.T @ error)) / scale
+    error = (error - found.undetermined @ (found.undetermined.T @ error)) / scale
     return float(np.linalg.norm(error[:3])), math.degrees(float(np.linalg.norm(error[3:])))
 
 

@@ -59,8 +59,8 @@ def seen(landmarks: Landmarks, points: Array, others: Array) -> Array:
     points (n, 3), others (m, 3): of the two passes, in one frame. Half of a landmark's points have
     one of the other pass nearby, and it has there as many points as a landmark needs.
     """
-    rows = np.flatnonzero(landmarks.of_point >= 0)
-    owner, count = landmarks.of_point[rows], len(landmarks)
+    rows = np.flatnonzero(landmarks.point_labels >= 0)
+    owner, count = landmarks.point_labels[rows], len(landmarks)
     if not len(rows):
         return np.zeros(count, bool)
     near = np.isfinite(tree(others).query(points[rows], distance_upper_bound=CLOSE)[0])

@@ -93,10 +93,10 @@ def prepare_objects(points: Array) -> Run:
         objects = segments.objects
         if objects is None:
             raise EllipsegError("the default settings give no objects; enable them")
-        of_segment = objects.of_segment
+        of_segment = objects.segment_labels
         if SEGMENTS in settings:
-            merges = objects.hierarchy.merges_for(int(settings[SEGMENTS]))
-            of_segment = objects.hierarchy.after(merges)
+            merges = objects.hierarchy.merges_for_count(int(settings[SEGMENTS]))
+            of_segment = objects.hierarchy.labels_after(merges)
         return np.append(of_segment, -1)[np.maximum(segments.labels, -1)]
 
     return run

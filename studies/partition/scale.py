@@ -75,7 +75,7 @@ def rows(windows: list[Segmentation], tried: list[float]) -> list[Results]:
     for scale in tried:
         cuts = [cut(tree, scale) for tree in trees]
         wider = cut(trees[-1], 2.0 * scale)
-        merges = trees[-1].merges_at(scale)
+        merges = trees[-1].merges_up_to(scale)
         over_scale = regrouped(counts, cuts[-1], wider)
         over_time = [
             regrouped(shared, *two) for shared, two in zip(common, pairwise(cuts), strict=True)
@@ -103,7 +103,7 @@ def hierarchy(found: Segmentation) -> Hierarchy:
 
 def cut(tree: Hierarchy, scale: float) -> Array:
     """(s,) the object of every segment at a scale."""
-    return tree.after(tree.merges_at(scale))
+    return tree.labels_after(tree.merges_up_to(scale))
 
 
 def mean(values: list[float]) -> float | None:

@@ -45,9 +45,9 @@ def error(found, transform):
 
 def known_part(found, deviation):
     """The part of an error along the known directions; m, rad."""
-    scale = np.repeat([1.0, found.lever], 3)
+    scale = np.repeat([1.0, found.characteristic_length], 3)
     scaled = deviation * scale
-    return (scaled - found.unknown @ (found.unknown.T @ scaled)) / scale
+    return (scaled - found.undetermined @ (found.undetermined.T @ scaled)) / scale
 
 
 def judge(looks, found):
@@ -142,7 +142,7 @@ def test_a_known_transform_of_one_set_is_found():
 
 
 def directions(found):
-    return np.linalg.matrix_rank(found.unknown) if found.unknown.size else 0
+    return np.linalg.matrix_rank(found.undetermined) if found.undetermined.size else 0
 
 
 @pytest.mark.parametrize("drift", DRIFTS)
@@ -156,7 +156,7 @@ def test_parallel_walls_leave_what_is_along_them_unknown(drift):
         normal = np.array([0.0, 1.0, 0.0]) @ one.T_earlier_later[:3, :3]
         along = np.concatenate([np.cross(normal, [0.0, 0.0, 1.0]), np.zeros(3)])
         along /= np.linalg.norm(along)
-        assert np.linalg.norm(one.unknown.T @ along) > 0.95
+        assert np.linalg.norm(one.undetermined.T @ along) > 0.95
         assert 3 <= directions(one) <= 6
         assert one.covariance[2, 2] > 0.5  # nothing is known of the height, and that is said
 
@@ -183,8 +183,8 @@ def test_of_bushes_in_a_line_the_turn_about_it_stays_unknown(drift):
     for one in found:
         assert one.verdict is not Verdict.KNOWN
         about = np.concatenate([np.zeros(3), one.T_earlier_later[:3, :3] @ [1.0, 0.0, 0.0]])
-        assert np.linalg.norm(one.unknown.T @ about) > 0.9
-        assert any("rotation about" in name for name in one.unknown_names)
+        assert np.linalg.norm(one.undetermined.T @ about) > 0.9
+        assert any("rotation about" in name for name in one.undetermined_names)
 
 
 @pytest.mark.parametrize("drift", DRIFTS)
@@ -214,10 +214,10 @@ def test_empty_sets():
     for earlier, later in ((none, none), (world, none), (none, world)):
         found = associate(earlier, later)
         assert found.verdict is Verdict.TOO_FEW and not len(found)
-        assert found.unknown.shape == (6, 6) and found.covariance[0, 0] == pytest.approx(3.0)
+        assert found.undetermined.shape == (6, 6) and found.covariance[0, 0] == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize("name", ["position", "axes", "sigma", "low", "high", "covariance"])
+@pytest.mark.parametrize("name", ["position", "axes", "sigma", "box_min", "box_max", "covariance"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_what_is_not_finite_is_refused_in_one_line(name, value):
     world = worlds.world(np.random.default_rng(4))
@@ -237,7 +237,7 @@ def test_the_order_of_the_rows_changes_only_their_numbers():
     again = np.column_stack([p[second.pairs[:, 0]], q[second.pairs[:, 1]]])
     order = np.argsort(again[:, 0])
     assert again[order].tolist() == first.pairs.tolist()
-    for name in ("T_earlier_later", "covariance", "unknown", "centre"):
+    for name in ("T_earlier_later", "covariance", "undetermined", "centre"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
     np.testing.assert_array_equal(first.probability, second.probability[order])
 

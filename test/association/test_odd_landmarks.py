@@ -75,7 +75,7 @@ def altered(column, value, place):
     ("name", "value", "place", "why"),
     [
         ("position", 1e9, (0, 0), "beyond"),
-        ("low", 5.0, (1, 2), "low above high"),
+        ("box_min", 5.0, (1, 2), "box_min above box_max"),
         ("sigma", -1.0, (0, 1), "below 0"),
         ("covariance", 1e30, (0, 0, 0), "beyond"),
         ("covariance", 1e13, (0, 0, 0), "beyond"),

@@ -51,7 +51,7 @@ def plain_segment(found, row):
     return message(
         "ellipseg_ros/msg/Segment",
         id=int(found.ids[row]),
-        object_id=int(found.objects.ids[found.objects.of_segment[row]])
+        object_id=int(found.objects.ids[found.objects.segment_labels[row]])
         if found.objects is not None
         else 0,
         state=int(found.state[row]),
@@ -79,12 +79,12 @@ def plain_object(found, row):
         count=int(objects.count[row]),
         mean=vector("Point", objects.mean[row]),
         covariance=objects.covariance[row].ravel(),
-        low=vector("Point", objects.low[row]),
-        high=vector("Point", objects.high[row]),
+        low=vector("Point", objects.box_min[row]),
+        high=vector("Point", objects.box_max[row]),
         planarity=float(objects.planarity[row]),
         cylindricality=float(objects.cylindricality[row]),
         sphericity=float(objects.sphericity[row]),
-        segments=np.sort(found.ids[objects.of_segment == row]),
+        segments=np.sort(found.ids[objects.segment_labels == row]),
         parents=objects.parents[row],
     )
 
@@ -126,8 +126,8 @@ def plain_landmark(found, row):
         position=vector("Point", marks.position[row]),
         orientation=rotation(marks.axes[row]),
         sigma=marks.sigma[row].copy(),
-        low=vector("Vector3", marks.low[row]),
-        high=vector("Vector3", marks.high[row]),
+        low=vector("Vector3", marks.box_min[row]),
+        high=vector("Vector3", marks.box_max[row]),
         covariance=marks.covariance[row].ravel(),
         stability=float(marks.stability[row]),
         first_seen=time(int(marks.first_seen_ns[row])),
@@ -231,7 +231,7 @@ def test_landmarks_are_read_by_ros_itself():
     assert np.array_equal(
         read.landmarks[2].covariance.reshape(6, 6), found.landmarks.covariance[2]
     )
-    assert read.landmarks[-1].high.z == found.landmarks.high[-1, 2]
+    assert read.landmarks[-1].high.z == found.landmarks.box_max[-1, 2]
     assert list(read.removed) == list(found.landmarks.removed)
     assert (Landmark.PLANE, Landmark.LINE, Landmark.BLOB) == tuple(Kind)
 
@@ -418,7 +418,7 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
     ids = third.objects.ids.copy()
     ids[0] = 1234
     moved = replace(third, objects=replace(third.objects, ids=ids))
-    members = set(third.ids[third.objects.of_segment == 0].tolist())
+    members = set(third.ids[third.objects.segment_labels == 0].tolist())
     read = STORE.deserialize_cdr(markers.update(moved), TYPES["/ellipsoids"]).markers
     assert members <= {marker.id for marker in read}
     for marker in read:

@@ -73,7 +73,7 @@ def test_a_wall_in_tiles_is_one_plane_with_the_right_normal():
     assert list(found.kind) == [Kind.PLANE]
     assert abs(found.axes[0, :, 2] @ [1.0, 0.0, 0.0]) > math.cos(math.radians(0.2))
     assert found.position[0, 0] == pytest.approx(3.0, abs=0.003)
-    size = found.high[0] - found.low[0]
+    size = found.box_max[0] - found.box_min[0]
     assert size[:2] == pytest.approx([6.0, 2.5], abs=0.15)
 
 
@@ -94,7 +94,7 @@ def test_a_trunk_is_one_line_on_its_axis_though_only_half_of_it_is_seen(lean):
     assert abs(axis @ truth) > math.cos(math.radians(0.5))
     aside = found.position[0] - (found.position[0] @ axis) * axis
     assert np.linalg.norm(aside) < 0.02  # the mean of the points is 0.1 m off
-    assert found.high[0, 0] - found.low[0, 0] == pytest.approx(4.0, abs=0.3)
+    assert found.box_max[0, 0] - found.box_min[0, 0] == pytest.approx(4.0, abs=0.3)
 
 
 def test_a_lone_bush_is_a_blob_and_a_large_one_is_none():
@@ -132,9 +132,9 @@ def test_the_points_and_segments_of_landmarks_are_named():
     points = np.vstack([wall(rng), trunk(rng, foot=(-3.0, 0.0, 0.0))])
     found = segment(points)
     marks = found.landmarks
-    assert list(np.bincount(marks.of_point + 1)[1:]) == list(marks.count)
+    assert list(np.bincount(marks.point_labels + 1)[1:]) == list(marks.count)
     for row in range(len(marks)):
-        assert set(marks.segments[row]) == set(found.labels[marks.of_point == row])
+        assert set(marks.segments[row]) == set(found.labels[marks.point_labels == row])
     assert (np.diff(marks.ids.astype(int)) > 0).all()
 
 
@@ -145,7 +145,7 @@ def test_without_being_asked_for_there_are_none():
     assert found.landmarks is None
     assert len(landmarks(found)) == 1  # but they can be had
     nothing = replace(off, objects=ObjectsConfig(enabled=False))
-    with pytest.raises(InputError, match="touching"):
+    with pytest.raises(InputError, match="adjacency"):
         landmarks(segment(points, nothing))
 
 
@@ -153,7 +153,7 @@ def test_landmarks_of_a_segmentation_are_those_it_has():
     rng = np.random.default_rng(10)
     found = segment(np.vstack([wall(rng), trunk(rng, foot=(-3.0, 0.0, 0.0))]) + [4e5, 5e6, 100.0])
     again = landmarks(found)
-    for name in ("kind", "count", "position", "axes", "covariance", "of_point"):
+    for name in ("kind", "count", "position", "axes", "covariance", "point_labels"):
         assert np.array_equal(getattr(found.landmarks, name), getattr(again, name)), name
 
 
@@ -272,8 +272,18 @@ def yard():
 
 
 def arrays(found: Landmarks):
-    names = ("ids", "kind", "count", "position", "axes", "sigma", "low", "high", "covariance")
-    return {name: getattr(found, name) for name in (*names, "stability", "of_point")}
+    names = (
+        "ids",
+        "kind",
+        "count",
+        "position",
+        "axes",
+        "sigma",
+        "box_min",
+        "box_max",
+        "covariance",
+    )
+    return {name: getattr(found, name) for name in (*names, "stability", "point_labels")}
 
 
 @pytest.mark.parametrize("threads", [1, 5])

@@ -9,14 +9,14 @@ from clouds import grid, street
 from stages import graph_of
 
 from ellipseg_ros.config import Config, ObjectsConfig
-from ellipseg_ros.core import adjacency, jit
+from ellipseg_ros.core import jit
 from ellipseg_ros.core.adjacency import boundaries
 from ellipseg_ros.core.ellipsoids import COVARIANCE, EIGENVALUES, WIDTH, segment_moments, shape
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
 from ellipseg_ros.objects.agglomeration import merge_segments
 from ellipseg_ros.objects.finder import find_objects, segment_features
 from ellipseg_ros.objects.indexed_heap import empty_heap, remove, set_cost
-from ellipseg_ros.records import Hierarchy, Sweep
+from ellipseg_ros.records import Hierarchy, SegmentAdjacency, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
 from ellipseg_ros.simulation import simulator
 
@@ -54,7 +54,7 @@ def test_boundaries_are_the_edges_between_segments(cloud, n):
     found = boundaries(graph.neighbours.rows, labels, segments)
     expected = naive.boundaries(lists_of(graph), labels)
     assert list(zip(found.a, found.b, strict=True)) == sorted(expected)
-    assert list(found.length) == [expected[pair] for pair in sorted(expected)]
+    assert list(found.edge_count) == [expected[pair] for pair in sorted(expected)]
 
 
 @pytest.mark.nojit
@@ -86,16 +86,16 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
         own[s, COVARIANCE : COVARIANCE + 6] = moments[s][2][UPPER]
         shape(own, s)
     features = segment_features(graph.nodes, labels, segments)
-    touching = boundaries(graph.neighbours.rows, labels, segments)
-    found = merge_segments(own, features, touching, thickness)
+    adjacency = boundaries(graph.neighbours.rows, labels, segments)
+    found = merge_segments(own, features, adjacency, thickness)
     lengths = naive.boundaries(lists_of(graph), labels)
     expected = naive.hierarchy(moments, dict(enumerate(features)), lengths, thickness)
     assert thickness == 0.0 or (found.cost == 0.0).any()
-    merges = list(zip(found.into, found.merged, strict=True))
+    merges = list(zip(found.parent, found.child, strict=True))
     assert merges == [(a, b) for a, b, _ in expected]
     np.testing.assert_allclose(found.cost, [cost for *_, cost in expected], rtol=1e-9, atol=1e-12)
     for scale in (0.0, 0.1, 1.0, 10.0):
-        objects = found.after(found.merges_at(scale))
+        objects = found.labels_after(found.merges_up_to(scale))
         assert list(objects) == naive.cut(expected, segments, scale)
 
 
@@ -105,9 +105,9 @@ def test_equal_costs_merge_the_lower_segments_first():
     own[:, 0] = 1.0
     own[:, [COVARIANCE, COVARIANCE + 3, COVARIANCE + 5]] = 1.0
     own[:, EIGENVALUES : EIGENVALUES + 3] = 1.0
-    pairs = adjacency.Boundaries(*np.array([[0, 0, 1, 2], [2, 3, 3, 3], [1, 1, 1, 1]], np.int32))
+    pairs = SegmentAdjacency(*np.array([[0, 0, 1, 2], [2, 3, 3, 3], [1, 1, 1, 1]], np.int32))
     found = merge_segments(own, np.zeros((4, 4)), pairs, 0.02)
-    assert list(zip(found.into, found.merged, strict=True)) == [(0, 2), (0, 3), (0, 1)]
+    assert list(zip(found.parent, found.child, strict=True)) == [(0, 2), (0, 3), (0, 1)]
 
 
 @pytest.mark.nojit
@@ -144,12 +144,18 @@ def test_the_least_eigenvalue_is_lapacks():
 
 def test_a_hierarchy_can_be_cut_at_any_count():
     hierarchy = Hierarchy(np.array([1, 0, 0]), np.array([3, 2, 1]), np.array([0.0, 2.0, 1.0]), 5)
-    assert list(hierarchy.after(0)) == [0, 1, 2, 3, 4]
-    assert list(hierarchy.after(hierarchy.merges_for(3))) == [0, 1, 0, 1, 2]
-    assert list(hierarchy.after(hierarchy.merges_for(1))) == [0, 0, 0, 0, 1]  # no more merges
-    assert list(hierarchy.after(hierarchy.merges_for(99))) == [0, 1, 2, 3, 4]
-    assert hierarchy.merges_at(1.5) == 1  # the cheaper one waits for the dearer one before it
-    assert hierarchy.merges_at(2.0) == 3
+    assert list(hierarchy.labels_after(0)) == [0, 1, 2, 3, 4]
+    assert list(hierarchy.labels_after(hierarchy.merges_for_count(3))) == [0, 1, 0, 1, 2]
+    assert list(hierarchy.labels_after(hierarchy.merges_for_count(1))) == [
+        0,
+        0,
+        0,
+        0,
+        1,
+    ]  # no more merges
+    assert list(hierarchy.labels_after(hierarchy.merges_for_count(99))) == [0, 1, 2, 3, 4]
+    assert hierarchy.merges_up_to(1.5) == 1  # the cheaper one waits for the dearer one before it
+    assert hierarchy.merges_up_to(2.0) == 3
 
 
 def corner(rng):
@@ -179,13 +185,13 @@ def test_records_are_those_of_the_points_and_every_segment_has_its_object():
     points, _ = corner(np.random.default_rng(1))
     found = segment(points + [4e5, 5e6, 100.0])
     objects = found.objects
-    labels = np.where(found.labels >= 0, objects.of_segment[found.labels], -1)
+    labels = np.where(found.labels >= 0, objects.segment_labels[found.labels], -1)
     for o in range(len(objects)):
         mine = found.points[labels == o]
         assert objects.count[o] == len(mine)
         np.testing.assert_allclose(objects.mean[o], mine.mean(axis=0), atol=1e-6)
-        np.testing.assert_allclose(objects.low[o], mine.min(axis=0), atol=1e-8)
-        np.testing.assert_allclose(objects.high[o], mine.max(axis=0), atol=1e-8)
+        np.testing.assert_allclose(objects.box_min[o], mine.min(axis=0), atol=1e-8)
+        np.testing.assert_allclose(objects.box_max[o], mine.max(axis=0), atol=1e-8)
         expected = np.cov(mine.T, bias=True)
         np.testing.assert_allclose(objects.covariance[o], expected, atol=1e-6)
         assert (found.object_ids[objects.members[o]] == objects.ids[o]).all()
@@ -220,15 +226,15 @@ def test_few_and_equal_points(points):
 def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
     own = moments_of(points, labels, segments)
-    touching = boundaries(graph.neighbours.rows, labels, segments)
-    what = (points, graph.nodes, labels, own, touching, ObjectsConfig())
+    adjacency = boundaries(graph.neighbours.rows, labels, segments)
+    what = (points, graph.nodes, labels, own, adjacency, ObjectsConfig())
     expected = find_objects(*what)
     monkeypatch.setattr(jit, "THREADS", threads)
     monkeypatch.setattr(jit, "LEAST", 10)
     found = find_objects(*what)
     for name in ("of_segment", "nodes", "low", "high"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    for name in ("into", "merged", "cost"):
+    for name in ("parent", "child", "cost"):
         ours, theirs = (getattr(level.hierarchy, name) for level in (found, expected))
         assert np.array_equal(ours, theirs), name
 

@@ -41,9 +41,9 @@ def message(found, stamp, frame_id="odom"):
             covariance=found.covariance[row].ravel(),
             stability=float(found.stability[row]),
         )
-        for name in ("position", "low", "high"):
+        for name, column in (("position", "position"), ("low", "box_min"), ("high", "box_max")):
             point = getattr(landmark, name)
-            point.x, point.y, point.z = getattr(found, name)[row].tolist()
+            point.x, point.y, point.z = getattr(found, column)[row].tolist()
         q = landmark.orientation
         q.x, q.y, q.z, q.w = Rotation.from_matrix(found.axes[row]).as_quat().tolist()
         made.landmarks.append(landmark)
@@ -115,8 +115,8 @@ def test_a_world_that_comes_again_is_recognized(node):
     turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
     np.testing.assert_allclose(turn, expected.T_earlier_later[:3, :3], atol=1e-6)
     np.testing.assert_allclose(again.covariance, expected.covariance.ravel(), rtol=1e-6)
-    assert len(again.unknown) == expected.unknown.size
-    assert list(again.unknown_names) == expected.unknown_names
+    assert len(again.unknown) == expected.undetermined.size
+    assert list(again.unknown_names) == expected.undetermined_names
 
     assert node.marker.action == Marker.ADD
     ends = np.array([(p.x, p.y, p.z) for p in node.marker.points]).reshape(-1, 2, 3)
@@ -284,7 +284,7 @@ def test_what_are_no_landmarks_is_refused(spoil, why):
 def test_landmarks_of_a_message_are_those_that_went_in():
     found = scene().earlier
     back = read_landmarks(message(found, 1))
-    for name in ("ids", "kind", "count", "position", "sigma", "low", "high", "covariance"):
+    for name in ("ids", "kind", "count", "position", "sigma", "box_min", "box_max", "covariance"):
         np.testing.assert_array_equal(getattr(back, name), getattr(found, name))
     np.testing.assert_allclose(back.axes, found.axes, atol=1e-12)
     assert len(read_landmarks(message(no_landmarks(), 1))) == 0

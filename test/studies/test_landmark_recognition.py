@@ -71,7 +71,7 @@ def test_things_are_shares_of_the_points():
     fields["instance"] = [4, 4, 9, 9, 9, 2, 2]
     sweep = Sweep(0, np.zeros((7, 3)), fields=fields)
     world = take(worlds.world(np.random.default_rng(1)), [0, 1, 2])
-    world = replace(world, of_point=np.array([0, 0, 0, 1, -1, -1, 1]))
+    world = replace(world, point_labels=np.array([0, 0, 0, 1, -1, -1, 1]))
     assert things(world, sweep) == [{4: 2 / 3, 9: 1 / 3}, {9: 0.5, 2: 0.5}, {}]
     assert things(world, replace(sweep, fields=None)) == [{}, {}, {}]
     assert in_common({4: 0.6, 9: 0.4}, {9: 0.7, 4: 0.3}) == pytest.approx(0.7)

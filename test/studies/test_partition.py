@@ -131,7 +131,7 @@ def test_objects_are_those_of_the_library():
     points = scan(2000).points
     found = segment(points)
     run = prepare_objects(points)
-    own = np.append(found.objects.of_segment, -1)[np.maximum(found.labels, -1)]
+    own = np.append(found.objects.segment_labels, -1)[np.maximum(found.labels, -1)]
     default, finer = OBJECTS.grid
     np.testing.assert_array_equal(run(default), own)
     assert cells.segments(run(default | {"segments": 5})) == 5

@@ -101,10 +101,10 @@ def test_a_row_is_what_a_run_at_its_scale_gives(windows):
         for segmenter in map(Segmenter, configs)
     )
     last = at[-1]
-    labels = last.objects.of_segment[last.labels]
+    labels = last.objects.segment_labels[last.labels]
     has = last.labels >= 0
     assert found["objects"] == len(last.objects)
-    shared = overlaps(labels[has], wider[-1].objects.of_segment[last.labels][has])
+    shared = overlaps(labels[has], wider[-1].objects.segment_labels[last.labels][has])
     assert found["ari_wider"] == pytest.approx(adjusted_rand_index(shared))
     assert found["moved_wider"] == pytest.approx(moved(shared))
     things, classes = last.fields["instance"], last.fields["class"]
@@ -114,7 +114,7 @@ def test_a_row_is_what_a_run_at_its_scale_gives(windows):
     assert found["quality"] == pytest.approx(expected.quality)
     assert found["purity"] == pytest.approx(purity(overlaps(labels[known], classes[known])))
     paid = last.objects.hierarchy.cost
-    merges = last.objects.hierarchy.merges_at(scale)
+    merges = last.objects.hierarchy.merges_up_to(scale)
     assert found["paid"] == pytest.approx(paid[:merges].sum() / paid.sum())
 
     agreement, changed = [], []
@@ -124,7 +124,8 @@ def test_a_row_is_what_a_run_at_its_scale_gives(windows):
         pairs = [(i, k) for i, k in pairs if one.labels[i] >= 0 and other.labels[k] >= 0]
         i, k = np.array(pairs).T
         both = overlaps(
-            one.objects.of_segment[one.labels[i]], other.objects.of_segment[other.labels[k]]
+            one.objects.segment_labels[one.labels[i]],
+            other.objects.segment_labels[other.labels[k]],
         )
         assert in_both(one, other).count.sum() == len(pairs)
         agreement.append(adjusted_rand_index(both))

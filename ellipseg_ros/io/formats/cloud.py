@@ -247,7 +247,7 @@ def write_npz(path: Path, found: Segmentation) -> None:
         "segment_covariance": shape.covariance,
     }
     if found.objects is not None:
-        for name in ("count", "mean", "low", "high"):
+        for name in ("count", "mean", "box_min", "box_max"):
             arrays[f"object_{name}"] = getattr(found.objects, name)
         arrays["object_id"] = found.objects.ids
     with replacing(path) as part, part.open("wb") as file:
