@@ -1,1 +1,1 @@
-"""`ellipseg bench`: what an update costs, beside what it is compared with, in the same run."""
+"""Benchmark: cost of batches and updates, beside other libraries, measured in one run."""

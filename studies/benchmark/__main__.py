@@ -1,60 +1,50 @@
-"""`ellipseg bench`: speed, latency and memory, beside what they must be and beside others."""
+"""`python -m studies.benchmark`: speed, latency and memory, beside other libraries."""
 
-import json
-from argparse import Namespace
-from pathlib import Path
-from typing import Any
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 
-from ellipseg_ros.cli.report import progress, say
-from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.io.atomic_files import write_text
+from ellipseg_ros.cli.main import run_program
+from ellipseg_ros.cli.options import SOURCES
+from ellipseg_ros.cli.report import say, steps
 from ellipseg_ros.io.sources import open_source
-from studies.benchmark.page import blocks, page
-from studies.benchmark.picture import draw
+from studies.benchmark.chart import draw
+from studies.benchmark.page import page
 from studies.benchmark.sections import SECTIONS, measure
 from studies.benchmark.streams import FULL, QUICK
+from studies.report.command import check_names, publish, run_command
 
-NAMES = ("benchmarks.md", "benchmarks.json", "benchmarks.png")
+EXAMPLES = """examples:
+  python -m studies.benchmark --quick --only batch peers
+  python -m studies.benchmark --data drive.mcap -o docs/results
+
+Ctrl-C ends it with the sections that are finished."""
 
 
-def run(args: Namespace) -> int:
-    """Measure, print and write; returns 0, however slow it was."""
-    names = args.only or list(SECTIONS)
-    unknown = sorted(set(names) - set(SECTIONS))
-    if unknown:
-        raise EllipsegError(f"there is no section {unknown[0]}; there are {', '.join(SECTIONS)}")
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark; returns 0, whatever the times are."""
+    return run_command("benchmark", _options, _run, argv, EXAMPLES)
+
+
+def _options(parser: ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="small windows, a minute or two")
+    names = ", ".join(SECTIONS)
+    parser.add_argument("--only", nargs="+", metavar="SECTION", default=[], help=names)
+    parser.add_argument("--data", default="", metavar="SOURCE", help=f"measured, too: {SOURCES}")
+
+
+def _run(args: Namespace) -> int:
+    check_names(args.only, SECTIONS, "section")
     if args.data:
-        open_source(args.data)  # now, not after minutes, if there is none
-    names = [name for name in SECTIONS if name in names and (name != "data" or args.data)]
+        open_source(args.data)  # fails here, not after minutes, if it does not exist
+    names = [name for name in SECTIONS if name in args.only or not args.only]
+    names = [name for name in names if name != "data" or args.data]
     say("compiling kernels, which takes longer the first time ...", args)
-    with progress(len(names), "sections", args) as bar:
-
-        def begin(name: str) -> None:
-            bar.update(name != names[0])  # the one before is done
-            bar.set_description(name)
-            if bar.disable:  # no terminal: lines instead of a bar
-                say(f"{name} ...", args)
-
+    with steps(len(names), "sections", args) as begin:
         results = measure(names, QUICK if args.quick else FULL, args.data, begin)
-    _show(results, args)
-    if args.output:
-        _write(results, Path(args.output), args)
+    publish(results, page, args, draw)
     return 0
 
 
-def _show(results: dict[str, Any], args: Namespace) -> None:
-    if args.json:
-        print(json.dumps(results, indent=2))
-    elif not args.quiet:
-        print("\n".join(blocks(results)))
-
-
-def _write(results: dict[str, Any], folder: Path, args: Namespace) -> None:
-    """Write page, numbers and picture, over those of an earlier run."""
-    folder.mkdir(parents=True, exist_ok=True)
-    text, numbers, picture = (folder / name for name in NAMES)
-    write_text(text, page(results))
-    write_text(numbers, json.dumps(results, indent=2) + "\n")
-    draw(results, picture)
-    for path in (text, numbers, picture):
-        say(f"wrote {path}", args)
+if __name__ == "__main__":
+    sys.exit(run_program("studies.benchmark", main))

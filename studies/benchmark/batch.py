@@ -1,4 +1,4 @@
-"""Sections about one cloud: batch, peers."""
+"""Sections about one cloud: batch, other libraries."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,19 +11,18 @@ from ellipseg_ros.records import Array
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.simulation.simulator import simulate
 from studies.benchmark import peers
-from studies.benchmark.streams import SCENE, SEGMENTS_ALONE, Sizes, window_points
+from studies.benchmark.streams import SCENE, SEGMENTS_ONLY, Sizes, window_points
 from studies.report.timing import in_turn, milliseconds, ratio
 
-PATIENCE = 5.0  # s: a peer that takes longer is run once
+MAX_REPEATED_S = 5.0  # a library that takes longer runs once
 Section = dict[str, Any]
 
 
 def batch(sizes: Sizes) -> Section:
-    """`segment()` against the neighbour search of small_gicp, for every criterion."""
+    """Times of `segment()` for every criterion, and of small_gicp's neighbour search."""
     points = batch_points(sizes)
     calls = {
-        name: partial(segment, points, replace(SEGMENTS_ALONE, criterion=name))
-        for name in CRITERIA
+        name: partial(segment, points, replace(SEGMENTS_ONLY, criterion=name)) for name in CRITERIA
     }
     times = in_turn(calls | knn(points), sizes.runs)
     cases = [batch_case(name, points, times) for name in CRITERIA]
@@ -34,18 +33,18 @@ def batch(sizes: Sizes) -> Section:
 
 
 def knn(points: Array) -> dict[str, Callable[[], Any]]:
-    """The search that a batch is compared with, if it is installed."""
+    """The neighbour search that a batch is compared with, if it is installed."""
     module, _ = load(peers.KNN.package, peers.KNN.module)
     return {} if module is None else {"knn": peers.KNN.prepare(module, points)}
 
 
 def batch_case(criterion: str, points: Array, times: dict[str, list[float]]) -> Section:
-    """The times of a criterion, beside those of the search."""
-    found = segment(points, replace(SEGMENTS_ALONE, criterion=criterion))
+    """Times and segments of a criterion, and the ratio to the neighbour search, if measured."""
+    segmentation = segment(points, replace(SEGMENTS_ONLY, criterion=criterion))
     case: Section = {
         "criterion": criterion,
-        "threshold": found.threshold,
-        "segments": len(found.ids),
+        "threshold": segmentation.threshold,
+        "segments": len(segmentation.ids),
         "batch_ms": milliseconds(times[criterion]),
     }
     if "knn" in times:
@@ -54,17 +53,17 @@ def batch_case(criterion: str, points: Array, times: dict[str, list[float]]) -> 
 
 
 def peer_times(sizes: Sizes) -> Section:
-    """Everything that others do with the same points, and what one batch takes beside it."""
+    """Times of other libraries on the same points, alternating with a batch."""
     points = batch_points(sizes)
-    calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, SEGMENTS_ALONE)}
+    calls: dict[str, Callable[[], Any]] = {"ellipseg": partial(segment, points, SEGMENTS_ONLY)}
     missing = {}
     for peer in peers.PEERS:
-        module, why = load(peer.package, peer.module)
+        module, reason = load(peer.package, peer.module)
         if module is None:
-            missing[peer.name] = why
+            missing[peer.name] = reason
         else:
             calls[peer.name] = peer.prepare(module, points)
-    times = in_turn(calls, max(1, sizes.runs // 2), PATIENCE)
+    times = in_turn(calls, max(1, sizes.runs // 2), MAX_REPEATED_S)
     rows = [
         {"name": peer.name, "about": peer.about, "version": version_of(peer.package, peer.module)}
         | {"ms": milliseconds(times[peer.name])}
@@ -80,5 +79,5 @@ def peer_times(sizes: Sizes) -> Section:
 
 
 def batch_points(sizes: Sizes) -> Array:
-    """The simulated points that batches are made of."""
+    """Simulated points (n, 3), m, for all sections about one cloud."""
     return window_points(simulate(SCENE, duration=sizes.window), sizes.window, sizes.points)

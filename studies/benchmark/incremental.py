@@ -1,4 +1,4 @@
-"""Sections about streams, without ROS: updates, stages, length, density, a recording."""
+"""Sections about streams, without ROS: updates, stages, window length, density, recording."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from studies.benchmark.batch import Section, batch_case, batch_points, knn
 from studies.benchmark.streams import (
     RATE,
     SCENE,
-    SEGMENTS_ALONE,
+    SEGMENTS_ONLY,
     SETTLE,
     Sizes,
     dense,
@@ -29,36 +29,35 @@ from studies.benchmark.streams import (
 )
 from studies.report.timing import in_turn, milliseconds, ratio, timed
 
-# Thresholds at which the ground is a few pieces, or one.
+# Thresholds at which the ground is a few segments, or one.
 COARSE = {"shape": (20.0, 40.0), "density": (6.0,), "parsimony": (20_000.0,)}
 SHORT, LONG = 0.1, 1.0  # s: update periods
-TOTAL = "all"
+TOTAL = "total"
 
 
 @dataclass
 class Pairs:
-    """Updates of a full window, and the batch of the same window right after."""
+    """Times of updates of a full window, and of the batch of the same window right after."""
 
     update: list[float]  # s, mean of the updates since the last batch
     batch: list[float]  # s
     last: Segmentation | None = None
 
     def extend(self, later: "Pairs") -> None:
-        """Add what was measured later."""
+        """Append later measurements."""
         self.update += later.update
         self.batch += later.batch
         self.last = later.last
 
     def as_json(self) -> Section:
-        """Times in ms, their ratio, and what the last window held."""
-        found = self.last
-        assert found is not None  # every caller takes at least one update
-        taking_part = int((found.labels >= -1).sum())
-        largest = int(found.ellipsoids.count.max(initial=0))
+        """Times in ms, their ratio, and the size of the last window."""
+        assert self.last is not None  # every caller makes at least one update
+        points = int((self.last.labels >= ISOLATED).sum())
+        largest = int(self.last.ellipsoids.count.max(initial=0))
         return {
-            "points": taking_part,
-            "segments": len(found.ids),
-            "largest_share": round(largest / max(1, taking_part), 4),
+            "points": points,
+            "segments": len(self.last.ids),
+            "largest_share": round(largest / max(1, points), 4),
             "update_ms": milliseconds(self.update),
             "batch_ms": milliseconds(self.batch),
             "ratio": ratio(self.update, self.batch),
@@ -66,15 +65,15 @@ class Pairs:
 
 
 def updates(sizes: Sizes) -> Section:
-    """Updates against batch, at the thresholds of least AICc and at coarse ones."""
+    """Times of updates and batches, at the threshold of lowest AICc and at coarse ones."""
     points = batch_points(sizes)
     cases = []
     for criterion in CRITERIA:
         best = _best_threshold(points, criterion, sizes)
         coarse = [("coarse", threshold) for threshold in COARSE[criterion]]
-        for kind, threshold in (("AICc-best", best), *coarse):
+        for kind, threshold in (("lowest AICc", best), *coarse):
             config = replace(
-                SEGMENTS_ALONE,
+                SEGMENTS_ONLY,
                 criterion=criterion,
                 threshold=threshold,
                 window_duration=sizes.window,
@@ -85,28 +84,28 @@ def updates(sizes: Sizes) -> Section:
 
 
 def _best_threshold(points: Array, criterion: str, sizes: Sizes) -> float:
-    """The one of least AICc among a few about the default."""
-    found = [
+    """The threshold of lowest AICc among a few around the default."""
+    segmentations = [
         segment(
             points,
             replace(
-                SEGMENTS_ALONE,
+                SEGMENTS_ONLY,
                 criterion=criterion,
                 threshold=DEFAULT_THRESHOLDS[criterion] * factor,
             ),
         )
         for factor in sizes.factors
     ]
-    return float(min(found, key=lambda one: one.aicc).threshold)
+    return float(min(segmentations, key=lambda result: result.aicc).threshold)
 
 
 def _drive(sizes: Sizes) -> Iterator[Sweep]:
-    """A simulated drive, long enough for all that is measured on it."""
+    """A simulated drive that is long enough for all measurements on it."""
     return iter(simulate(SCENE, duration=sizes.window + sizes.measured + 2.0))
 
 
 def _cases(head: Section, config: Config, drive: Iterator[Sweep], sizes: Sizes) -> list[Section]:
-    """Fill a window, then measure updates of 1 s, and of 0.1 s."""
+    """Fill a window, then measure updates of 1 s and of 0.1 s."""
     segmenter = Segmenter(config)
     _fill([segmenter], drive, sizes.fill, config.window_duration + 1.0)
     pairs = _measure(segmenter, steps(drive, LONG, sizes.seconds), 1)
@@ -119,63 +118,63 @@ def _cases(head: Section, config: Config, drive: Iterator[Sweep], sizes: Sizes) 
 def _fill(
     segmenters: Iterable[Segmenter], drive: Iterator[Sweep], period: float, seconds: float
 ) -> None:
-    """Process the next seconds of a drive, unmeasured."""
+    """Process the next seconds of a drive without measuring."""
     for sweep in steps(drive, period, round(seconds / period)):
         for segmenter in segmenters:
             segmenter.process(sweep)
 
 
 def _measure(segmenter: Segmenter, sweeps: Iterator[Sweep], per_batch: int) -> Pairs:
-    """Time updates; after every `per_batch` of them, the batch of the window as it then is."""
+    """Time updates and, after every `per_batch` of them, a batch of the window."""
     pairs = Pairs([], [])
     while part := list(islice(sweeps, per_batch)):
-        taken = []
+        times = []
         for sweep in part:
             seconds, pairs.last = timed(partial(segmenter.process, sweep))
-            taken.append(seconds)
-        pairs.update.append(float(np.mean(taken)))
-        pairs.batch.append(timed(in_one_go(pairs.last, segmenter.config))[0])
+            times.append(seconds)
+        pairs.update.append(float(np.mean(times)))
+        pairs.batch.append(timed(batch_of(pairs.last, segmenter.config))[0])
     return pairs
 
 
-def in_one_go(found: Segmentation | None, config: Config) -> Callable[[], Segmentation]:
-    """The batch of the points that take part in a window."""
-    assert found is not None
-    points = found.points[found.labels >= ISOLATED]
-    return partial(segment, points, config, origin=found.origin)
+def batch_of(window: Segmentation | None, config: Config) -> Callable[[], Segmentation]:
+    """A call that segments the points of a window in one batch."""
+    assert window is not None
+    points = window.points[window.labels >= ISOLATED]
+    return partial(segment, points, config, origin=window.origin)
 
 
-# --- where the time goes ---------------------------------------------------------------------
+# --- stages ----------------------------------------------------------------------------------
 
 
 def stage_times(sizes: Sizes) -> Section:
-    """Time of every stage: in one go, and of updates of 1 s and of 0.1 s."""
+    """Time of every stage in a batch, and in updates of 1 s and of 0.1 s."""
     segmenter = Segmenter(Config(window_duration=sizes.window))  # with objects
     drive = _drive(sizes)
     _fill([segmenter], drive, sizes.fill, sizes.window)
-    found = segmenter.process(next(steps(drive, LONG, 1)))
-    columns = {"batch": _watch([in_one_go(found, segmenter.config)] * sizes.runs)}
+    window = segmenter.process(next(steps(drive, LONG, 1)))
+    columns = {"batch": _stage_times([batch_of(window, segmenter.config)] * sizes.runs)}
     for title, period, count in (("1 s", LONG, sizes.seconds), ("0.1 s", SHORT, sizes.tenths)):
         sweeps = steps(drive, period, count)
-        columns[title] = _watch(partial(_update, segmenter, sweep) for sweep in sweeps)
+        columns[title] = _stage_times(partial(_update, segmenter, sweep) for sweep in sweeps)
         _fill([segmenter], drive, SHORT, SETTLE * SHORT)
     rows = [
         {"stage": name} | {title: milliseconds(times[name]) for title, times in columns.items()}
         for name in (*stages.NAMES, TOTAL)
     ]
-    return {"points": int((found.labels >= ISOLATED).sum()), "stages": rows}
+    return {"points": int((window.labels >= ISOLATED).sum()), "stages": rows}
 
 
 def _update(segmenter: Segmenter, sweep: Sweep) -> Segmentation:
-    """One update; `process` is looked up only here, when it is watched."""
+    """One update; `process` is looked up here, after the stage clock has replaced it."""
     return segmenter.process(sweep)
 
 
-def _watch(calls: Iterable[Callable[[], Segmentation]]) -> dict[str, list[float]]:
-    """Seconds of every stage, and in all, by call."""
+def _stage_times(calls: Iterable[Callable[[], Segmentation]]) -> dict[str, list[float]]:
+    """Seconds of every stage and in total, of each call."""
     times: dict[str, list[float]] = {name: [] for name in (*stages.NAMES, TOTAL)}
     for call in calls:
-        with stages.watched() as clock:
+        with stages.stage_clock() as clock:
             times[TOTAL].append(timed(call)[0])
         for name, seconds in clock.seconds.items():
             times[name].append(seconds)
@@ -186,10 +185,10 @@ def _watch(calls: Iterable[Callable[[], Segmentation]]) -> dict[str, list[float]
 
 
 def lengths(sizes: Sizes) -> Section:
-    """Windows of several lengths on one drive, in turn at every step."""
+    """Times of windows of several lengths on one drive, alternating at every step."""
     sizes = _half(sizes)
     segmenters = {
-        seconds: Segmenter(replace(SEGMENTS_ALONE, window_duration=seconds))
+        seconds: Segmenter(replace(SEGMENTS_ONLY, window_duration=seconds))
         for seconds in sizes.lengths
     }
     longest = max(sizes.lengths)
@@ -205,7 +204,7 @@ def lengths(sizes: Sizes) -> Section:
 
 
 def _half(sizes: Sizes) -> Sizes:
-    """Half as many updates, for large windows."""
+    """Half as many updates, for sections with large windows."""
     return replace(sizes, seconds=-(-sizes.seconds // 2), tenths=-(-sizes.tenths // 2))
 
 
@@ -229,9 +228,9 @@ def _length_cases(
 
 
 def densities(sizes: Sizes) -> Section:
-    """The same drive with more and more points a second, in a window of one length."""
+    """Times on the same drive at increasing point rates, in windows of one length."""
     few = replace(_half(sizes), window=sizes.density_window)
-    config = replace(SEGMENTS_ALONE, window_duration=few.window)
+    config = replace(SEGMENTS_ONLY, window_duration=few.window)
     cases = []
     for rate in sizes.densities:
         drive = dense(rate, few.window + few.measured + 2.0)
@@ -239,10 +238,10 @@ def densities(sizes: Sizes) -> Section:
     return {"window_s": few.window, "cases": cases}
 
 
-def real(spec: str, sizes: Sizes) -> Section:
-    """Batch and updates on a recording, thinned to 20,000 points/s; a cloud counts as 0.1 s.
+def recording(spec: str, sizes: Sizes) -> Section:
+    """Times of batch and updates on a recording, thinned to 20,000 points/s.
 
-    The first half fills the window, at most 25 s.
+    A cloud counts as 0.1 s. The first half fills the window, at most 25 s.
     """
     source = open_source(spec)
     clouds = source.count or sum(1 for _ in source)
@@ -255,10 +254,10 @@ def real(spec: str, sizes: Sizes) -> Section:
     share = RATE / points_per_second(source)
     drive = thinned(source, share)
     cases = _cases(
-        {"criterion": "shape"}, replace(SEGMENTS_ALONE, window_duration=few.window), drive, few
+        {"criterion": "shape"}, replace(SEGMENTS_ONLY, window_duration=few.window), drive, few
     )
     points = window_points(thinned(source, share), few.window)
-    calls = {"shape": partial(segment, points, SEGMENTS_ALONE)} | knn(points)
+    calls = {"shape": partial(segment, points, SEGMENTS_ONLY)} | knn(points)
     times = in_turn(calls, few.runs)
     return {
         "source": source.name,

@@ -1,4 +1,4 @@
-"""Sections with ROS: publishing, latency and memory of the real node, its start."""
+"""Sections with ROS: publishing; latency, memory and start of the node."""
 
 import os
 import tempfile
@@ -26,17 +26,17 @@ from ellipseg_ros.records import SECOND, Segmentation, State, Sweep
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import FIELDS, simulate
-from studies.benchmark.publishers import Probe
+from studies.benchmark.publishers import SegmentationPublisher
 from studies.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
 from studies.endurance.listener_process import Listening
 from studies.endurance.running import running
 from studies.report.timing import milliseconds, spread, timed
 
-BLOB = 30  # points of an ellipsoid that is published
-PERIOD = 0.1  # s, between two updates whose latency is measured
-READY = "ready; "  # what the node says then
-PATIENCE = 60.0  # s for one update
-RELIABLE = {"input_reliability": "reliable"}  # so that every cloud comes back
+POINTS_PER_ELLIPSOID = 30  # of the published ones
+PERIOD = 0.1  # s from update to update
+READY = "ready; "  # in the line that the node logs
+UPDATE_TIMEOUT_S = 60.0
+RELIABLE = {"input_reliability": "reliable"}  # so that no cloud is lost
 Section = dict[str, Any]
 
 
@@ -44,75 +44,85 @@ Section = dict[str, Any]
 
 
 def publishing(sizes: Sizes) -> Section:
-    """Build, serialize and publish updates of which everything changed, and others.
+    """Times of building and publishing updates in which everything or nothing has changed.
 
-    The publisher is the node's, in this process; the subscriber is another process.
+    The publishers are those of the node, in this process; the subscriber is another process.
     """
-    found = _many_ellipsoids(sizes.points // BLOB)
+    segmentation = _many_ellipsoids(sizes.points // POINTS_PER_ELLIPSOID)
     times: dict[str, list[float]] = {}
     received: list[float] = []
-    with domain() as ros_args, Listening(ros_args) as listener, Probe(ros_args) as probe:
+    with (
+        domain() as ros_args,
+        Listening(ros_args) as listener,
+        SegmentationPublisher(ros_args) as publisher,
+    ):
         listener.wait_for_topics(START)
         markers = Markers(NodeConfig())
         for number in range(2 * sizes.runs + 1):
             state = State.UPDATED if number % 2 else State.UNCHANGED
-            found = _next_update(found, state)
-            took, ended = timed(partial(_publish, probe, found))
-            arrived = listener.wait_for_update(found.end_ns, PATIENCE)
-            if number:  # the first one sends everything, whatever its state
+            segmentation = _next_update(segmentation, state)
+            took, ended = timed(partial(_publish, publisher, segmentation))
+            arrived = listener.wait_for_update(segmentation.end_ns, UPDATE_TIMEOUT_S)
+            if number:  # the first update sends everything, whatever its state
                 times.setdefault(f"publish {state.name}", []).append(took)
             if state is State.UPDATED:
                 received.append(took + (arrived - ended) / SECOND)
-                for name, write in _writers(found, markers).items():
+                for name, write in _writers(segmentation, markers).items():
                     times.setdefault(name, []).append(timed(write)[0])
     return {
-        "points": len(found.points),
-        "ellipsoids": len(found.ids),
+        "points": len(segmentation.points),
+        "ellipsoids": len(segmentation.ids),
         "publish_ms": milliseconds(times.pop(f"publish {State.UPDATED.name}")),
         "publish_unchanged_ms": milliseconds(times.pop(f"publish {State.UNCHANGED.name}")),
         "received_ms": milliseconds(received),
         "build_ms": {name: milliseconds(values) for name, values in times.items()},
-        "bytes": {name: len(write()) for name, write in _writers(found, markers).items()},
+        "bytes": {name: len(write()) for name, write in _writers(segmentation, markers).items()},
     }
 
 
-def _publish(probe: Probe, found: Segmentation) -> int:
-    """Publish an update; returns when that was done, ns."""
-    probe.publish(found)
+def _publish(publisher: SegmentationPublisher, segmentation: Segmentation) -> int:
+    """Publish an update; returns the monotonic time after it, ns."""
+    publisher.publish(segmentation)
     return time.monotonic_ns()
 
 
-def _writers(found: Segmentation, markers: Markers) -> dict[str, Callable[[], bytes]]:
-    """What makes the bytes of each topic; all markers."""
+def _writers(segmentation: Segmentation, markers: Markers) -> dict[str, Callable[[], bytes]]:
+    """The functions that serialize the message of each topic, with all markers."""
     return {
-        "segmented_points": lambda: write_labelled(found),
-        "ellipsoids": lambda: markers.update(found, everything=True),
-        "segments": lambda: write_segments(found),
+        "segmented_points": lambda: write_labelled(segmentation),
+        "ellipsoids": lambda: markers.update(segmentation, everything=True),
+        "segments": lambda: write_segments(segmentation),
     }
 
 
 def _many_ellipsoids(count: int) -> Segmentation:
     """A segmentation of `count` ellipsoids of 30 points, with the simulator's fields."""
     rng = np.random.default_rng(0)
-    grid = np.stack(np.divmod(np.arange(count), 100), axis=1) * 3.0  # farther than they are wide
+    grid = (
+        np.stack(np.divmod(np.arange(count), 100), axis=1) * 3.0
+    )  # m; the ellipsoids are narrower
     centres = np.column_stack([grid, np.zeros(count)])
-    points = np.repeat(centres, BLOB, axis=0) + 0.1 * rng.standard_normal((count * BLOB, 3))
+    points = np.repeat(centres, POINTS_PER_ELLIPSOID, axis=0) + 0.1 * rng.standard_normal(
+        (count * POINTS_PER_ELLIPSOID, 3)
+    )
     fields = np.zeros(len(points), FIELDS)
     for name, column in zip("xyz", points.T, strict=True):
         fields[name] = column
-    config = Config("parsimony", 1e9)  # whatever is connected is one
-    found = Segmenter(config).process(Sweep(SECOND, points, fields=fields, frame_id="odom"))
-    if not 0.99 * count < len(found.ids) < 1.01 * count:
-        raise EllipsegError(f"{count} blobs became {len(found.ids)} segments; the bench is wrong")
-    return found
+    config = Config("parsimony", 1e9)  # merges everything that is connected
+    segmentation = Segmenter(config).process(Sweep(SECOND, points, fields=fields, frame_id="odom"))
+    if not 0.99 * count < len(segmentation.ids) < 1.01 * count:
+        raise EllipsegError(
+            f"{count} clusters gave {len(segmentation.ids)} segments; the benchmark is wrong"
+        )
+    return segmentation
 
 
-def _next_update(found: Segmentation, state: State) -> Segmentation:
+def _next_update(segmentation: Segmentation, state: State) -> Segmentation:
     return replace(
-        found,
-        sequence=found.sequence + 1,
-        end_ns=found.end_ns + round(PERIOD * SECOND),
-        state=np.full(len(found.ids), state, np.uint8),
+        segmentation,
+        sequence=segmentation.sequence + 1,
+        end_ns=segmentation.end_ns + round(PERIOD * SECOND),
+        state=np.full(len(segmentation.ids), state, np.uint8),
     )
 
 
@@ -120,7 +130,7 @@ def _next_update(found: Segmentation, state: State) -> Segmentation:
 
 
 def latency(sizes: Sizes, data: str = "") -> Section:
-    """From a cloud sent to its segments received, at 10 updates/s and in real time."""
+    """Latency from publishing a cloud to receiving its segments, 10 updates/s, real time."""
     window = sizes.window
     drive = simulate(SCENE, duration=window + sizes.listen)
     cases = [_latency(f"simulated {SCENE}", drive, window, sizes)]
@@ -135,7 +145,7 @@ def latency(sizes: Sizes, data: str = "") -> Section:
 
 
 def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) -> Section:
-    sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
+    sent: dict[int, int] = {}  # newest point of a cloud, ns: time of publication, ns
 
     def note(sweep: Sweep) -> None:
         sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()
@@ -145,8 +155,8 @@ def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) ->
         with Replayer(sweeps, ReplayOptions(clock=False), ros_args) as replayer:
             listener.wait_for_topics(START)
             replayer.run(note)
-            listener.wait_for_update(max(sent), PATIENCE)
-        said = listener.next_report(PATIENCE)
+            listener.wait_for_update(max(sent), UPDATE_TIMEOUT_S)
+        report = listener.next_report(UPDATE_TIMEOUT_S)
         memory_mb = node.peak_memory_mb()
     full = min(sent) + round(window * SECOND)
     times = [
@@ -157,15 +167,15 @@ def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) ->
     return {
         "stream": name,
         "window_s": round(window, 1),
-        "points": int(said["points segmented"]) + int(said["points isolated"]),
+        "points": int(report["points segmented"]) + int(report["points isolated"]),
         "clouds": sum(stamp >= full for stamp in sent),
         "latency_ms": _quantiles(times),
         "diagnostics_ms": {
-            which: round(1e3 * float(said[f"latency {key} [s]"]), 1)
+            which: round(1e3 * float(report[f"latency {key} [s]"]), 1)
             for which, key in (("p50", "median"), ("p99", "p99"))
         },
-        "updates_joined": int(said["updates joined"]),
-        "clouds_lost": int(said["clouds lost by DDS"]),
+        "updates_coalesced": int(report["updates joined"]),
+        "clouds_lost": int(report["clouds lost by DDS"]),
         "peak_memory_mb": memory_mb,
     }
 
@@ -176,23 +186,23 @@ def _quantiles(seconds: list[float]) -> dict[str, Any]:
 
 
 def memory(sizes: Sizes) -> Section:
-    """Most memory of the node, at its default settings, all topics subscribed."""
+    """Peak memory of the node at its default settings, with subscribers to all topics."""
     drive = simulate(SCENE, duration=sizes.window + 5.0)
     sweeps = list(thinned(drive, sizes.points / sizes.window / points_per_second(drive)))
-    options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, patience=PATIENCE)
+    options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, patience=UPDATE_TIMEOUT_S)
     settings = {"window_duration": sizes.window}
     with running(RELIABLE | settings) as (listener, node, ros_args):
         with Replayer(sweeps, options, ros_args) as replayer:
             listener.wait_for_topics(START)
             replayer.run()
-        said = listener.next_report(PATIENCE)
-        most = node.peak_memory_mb()
-    points = int(said["points segmented"]) + int(said["points isolated"])
-    return {"window_s": sizes.window, "points": points, "peak_mb": most}
+        report = listener.next_report(UPDATE_TIMEOUT_S)
+        peak_mb = node.peak_memory_mb()
+    points = int(report["points segmented"]) + int(report["points isolated"])
+    return {"window_s": sizes.window, "points": points, "peak_mb": peak_mb}
 
 
 def start(sizes: Sizes) -> Section:
-    """From the start of the process until the node is ready: all compiled, subscribed."""
+    """Seconds from the start of the process until the node is ready, compiled and subscribed."""
     result: Section = {}
     with ExitStack() as stack:
         if sizes.cold:
@@ -206,26 +216,26 @@ def start(sizes: Sizes) -> Section:
 
 
 def _start() -> float:
-    """Seconds from the start of the process until it says that it is ready."""
+    """Seconds from the start of the process until the node logs that it is ready."""
     with domain("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "node.log"
-        os.mkfifo(log)  # a pipe, so that a line comes when it is written
-        said: SimpleQueue[float | None] = SimpleQueue()
-        Thread(target=_note_ready, args=(log, said), daemon=True).start()
+        os.mkfifo(log)  # a pipe delivers a line as soon as it is written
+        ready: SimpleQueue[float | None] = SimpleQueue()
+        Thread(target=_note_ready, args=(log, ready), daemon=True).start()
         with NodeProcess(ros_args, log, lambda _: None) as node:
             started = time.monotonic()
             node.start()
-            ready = said.get(timeout=START)
-            if ready is None:
-                raise EllipsegError("the node ended before it was ready; see what it says alone")
+            finished = ready.get(timeout=START)
+            if finished is None:
+                raise EllipsegError("the node ended before it was ready; run it alone for its log")
             node.stop()
-    return ready - started
+    return finished - started
 
 
-def _note_ready(log: Path, said: "SimpleQueue[float | None]") -> None:
-    """Put the time at which the node says so, and None at the end."""
+def _note_ready(log: Path, ready: "SimpleQueue[float | None]") -> None:
+    """Put the time at which the node logs that it is ready, and None at the end of the log."""
     with log.open() as lines:
-        for line in lines:  # all, or the node would wait for a reader
+        for line in lines:  # to the end, so that the pipe never blocks the node
             if READY in line:
-                said.put(time.monotonic())
-    said.put(None)
+                ready.put(time.monotonic())
+    ready.put(None)

@@ -1,4 +1,4 @@
-"""What others need for the same points: neighbour searches and clusterings that are in use."""
+"""Other libraries: neighbour searches and clusterings in common use."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -8,17 +8,17 @@ from ellipseg_ros.records import Array
 THREADS = 2
 NEIGHBOURS = 10
 RADIUS = 0.3  # m, of DBSCAN
-LEAST = 12  # points of a cluster
+MIN_POINTS = 12  # of a cluster
 
 
 class Peer(NamedTuple):
-    """One thing to compare with."""
+    """An operation of another library."""
 
     name: str
     package: str  # on PyPI
     module: str
     about: str
-    prepare: Callable[[Any, Array], Callable[[], Any]]  # module, points: the call to time
+    prepare: Callable[[Any, Array], Callable[[], Any]]  # (module, points) -> the timed call
 
 
 def _scipy(module: Any, points: Array) -> Callable[[], Any]:
@@ -35,7 +35,7 @@ def _small_gicp(module: Any, points: Array) -> Callable[[], Any]:
 
 def _open3d_dbscan(module: Any, points: Array) -> Callable[[], Any]:
     cloud = _open3d_cloud(module, points)
-    return lambda: cloud.cluster_dbscan(RADIUS, LEAST)
+    return lambda: cloud.cluster_dbscan(RADIUS, MIN_POINTS)
 
 
 def _open3d_covariances(module: Any, points: Array) -> Callable[[], Any]:
@@ -49,7 +49,9 @@ def _open3d_cloud(module: Any, points: Array) -> Any:
 
 
 def _hdbscan(module: Any, points: Array) -> Callable[[], Any]:
-    return lambda: module.HDBSCAN(min_cluster_size=LEAST, core_dist_n_jobs=THREADS).fit(points)
+    return lambda: module.HDBSCAN(min_cluster_size=MIN_POINTS, core_dist_n_jobs=THREADS).fit(
+        points
+    )
 
 
 KNN = Peer(
@@ -79,14 +81,14 @@ PEERS = (
         "Open3D DBSCAN",
         "open3d-cpu",
         "open3d",
-        f"radius {RADIUS} m, {LEAST} points, one thread",
+        f"radius {RADIUS} m, {MIN_POINTS} points, one thread",
         _open3d_dbscan,
     ),
     Peer(
         "HDBSCAN",
         "hdbscan",
         "hdbscan",
-        f"min_cluster_size {LEAST}, {THREADS} threads",
+        f"min_cluster_size {MIN_POINTS}, {THREADS} threads",
         _hdbscan,
     ),
 )

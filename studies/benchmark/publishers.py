@@ -1,4 +1,4 @@
-"""The segmenter's publishers inside a program that measures them: for `ellipseg bench`."""
+"""The publishers of the segmenter node, in a program that measures them."""
 
 from threading import Event
 
@@ -9,25 +9,25 @@ from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.outputs import Outputs
 
 
-class Probe(AuxiliaryNode):
+class SegmentationPublisher(AuxiliaryNode):
     """A node that publishes segmentations as the segmenter does; a context manager.
 
     args: `--ros-args ...`, for a namespace.
     """
 
     def __init__(self, args: list[str]) -> None:
-        self._made = Event()
+        self._created = Event()
         super().__init__("ellipseg_probe", args)
         self._outputs = Outputs(self.node, self._greet, lambda: None)
-        self._made.set()
+        self._created.set()
 
-    def publish(self, found: Segmentation) -> None:
+    def publish(self, segmentation: Segmentation) -> None:
         """Build, serialize and publish one update on all topics."""
         if self.failed:
             raise EllipsegError(f"publishing failed: {self.failed[0]}")
-        self._outputs.publish(found, NodeConfig())
+        self._outputs.publish(segmentation, NodeConfig())
 
     def _greet(self) -> None:
-        """As the segmenter greets: who subscribes waits for that before anything is published."""
-        self._made.wait()
+        """Send a new subscriber what the segmenter sends first; may be called while creating."""
+        self._created.wait()
         self._outputs.greet()

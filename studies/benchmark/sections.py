@@ -1,4 +1,4 @@
-"""All that can be measured, by name."""
+"""All sections of the benchmark, by name."""
 
 import gc
 from collections.abc import Callable
@@ -8,11 +8,11 @@ from typing import Any
 from ellipseg_ros.config import CRITERIA, Config
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import simulate
-from studies.benchmark import batch, incremental, live, rows, tuning
+from studies.benchmark import batch, incremental, live, targets, tuning
 from studies.benchmark.streams import FULL, SCENE, Sizes
 from studies.report.machine import describe
 
-SECTIONS: dict[str, Callable[[Sizes, str], dict[str, Any]]] = {  # of the sizes and the recording
+SECTIONS: dict[str, Callable[[Sizes, str], dict[str, Any]]] = {  # of sizes and a recording
     "batch": lambda sizes, _: batch.batch(sizes),
     "peers": lambda sizes, _: batch.peer_times(sizes),
     "stages": lambda sizes, _: incremental.stage_times(sizes),
@@ -24,7 +24,7 @@ SECTIONS: dict[str, Callable[[Sizes, str], dict[str, Any]]] = {  # of the sizes 
     "memory": lambda sizes, _: live.memory(sizes),
     "start": lambda sizes, _: live.start(sizes),
     "density": lambda sizes, _: incremental.densities(sizes),
-    "data": lambda sizes, data: incremental.real(data, sizes) if data else {},
+    "data": lambda sizes, data: incremental.recording(data, sizes) if data else {},
 }
 
 
@@ -36,31 +36,30 @@ def measure(
 ) -> dict[str, Any]:
     """Measure the sections `names`; JSON-ready.
 
-    data: a recording to measure on, too. begin: called with the name of each as it begins. SIGINT
-    ends it early, with the sections before.
+    data: a recording to measure as well. begin: called with the name of each section before it.
+    After SIGINT, the sections that are finished are returned.
     """
     machine = describe()
     compile_kernels()
     gc.collect()
-    gc.freeze()  # so that the collection before each time has little to look at
+    gc.freeze()  # the collection before each timed call then has few objects to visit
     results: dict[str, Any] = {}
     for name in (name for name in SECTIONS if name in names):
         begin(name)
         try:
-            found = SECTIONS[name](sizes, data)
+            measured = SECTIONS[name](sizes, data)
         except KeyboardInterrupt:
             if not results:
                 raise
-            break  # minutes have been measured: they are worth their page
-        if found:
-            results[name] = found
+            break
+        if measured:
+            results[name] = measured
     head = {"machine": machine, "quick": sizes != FULL, "sizes": asdict(sizes)}
-    head["rows"] = rows.table(results)
-    return head | {"sections": results}
+    return head | {"rows": targets.judged(results), "sections": results}
 
 
 def compile_kernels() -> None:
-    """Make a few updates with every criterion, so that nothing measured includes a compilation."""
+    """Make a few updates with every criterion, so that no measurement includes a compilation."""
     for criterion in CRITERIA:
         segmenter = Segmenter(Config(criterion, window_duration=0.2))
         for sweep in simulate(SCENE, duration=0.5):

@@ -1,6 +1,6 @@
-"""Where the time of an update goes: the calls of the pipeline, timed from outside.
+"""Time of the stages of an update, measured by wrapping the calls of the pipeline.
 
-The one place that knows which calls those are; segmenter.py stays free of clocks.
+The only place that knows these calls; the pipeline itself reads no clock.
 """
 
 import functools
@@ -16,8 +16,8 @@ from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import Window
 from ellipseg_ros.segmenter import Segmenter
 
-OTHER = "the rest"  # what `process` does itself
-STAGES: list[tuple[str, Any, str]] = [  # stage, owner of the call, its name there
+OTHER = "other"  # time of `process` outside the other stages
+STAGES: list[tuple[str, Any, str]] = [  # stage, class or module, name of the call in it
     ("window", Window, "push"),
     ("neighbours", Neighbours, "update"),
     ("ellipsoids", segmenter, "initial_ellipsoids"),
@@ -35,37 +35,37 @@ STAGES: list[tuple[str, Any, str]] = [  # stage, owner of the call, its name the
 NAMES = tuple(dict.fromkeys(name for name, _, _ in STAGES))
 
 
-class Clock:
-    """Seconds of every stage, its own without those of calls within it."""
+class StageClock:
+    """Accumulates the seconds of every stage; those of nested calls count for the inner one."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(NAMES, 0.0)
-        self._inner = [0.0]  # seconds of the calls within the one that runs, by depth
+        self._nested = [0.0]  # seconds of the calls within each call that is running
 
-    def around(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """The same call, its time noted."""
+    def wrap(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """`call`, with its time added to the stage `name`."""
 
         @functools.wraps(call)
         def timed(*args: Any, **kwargs: Any) -> Any:
-            self._inner.append(0.0)
+            self._nested.append(0.0)
             start = time.perf_counter()
             try:
                 return call(*args, **kwargs)
             finally:
-                took = time.perf_counter() - start
-                self.seconds[name] += took - self._inner.pop()
-                self._inner[-1] += took
+                elapsed = time.perf_counter() - start
+                self.seconds[name] += elapsed - self._nested.pop()
+                self._nested[-1] += elapsed
 
         return timed
 
 
 @contextmanager
-def watched() -> Iterator[Clock]:
-    """Time the stages of everything that is segmented in this block."""
-    clock = Clock()
+def stage_clock() -> Iterator[StageClock]:
+    """Time the stages of every update in this block."""
+    clock = StageClock()
     originals = [(owner, call, getattr(owner, call)) for _, owner, call in STAGES]
     for name, owner, call in STAGES:
-        setattr(owner, call, clock.around(name, getattr(owner, call)))
+        setattr(owner, call, clock.wrap(name, getattr(owner, call)))
     try:
         yield clock
     finally:

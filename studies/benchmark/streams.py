@@ -1,4 +1,4 @@
-"""The streams that are measured on, and how much of them."""
+"""Streams of the benchmark, and how much of them is measured."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -12,38 +12,37 @@ from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
 
 SCENE = "industrial"
 RATE = 20_000  # points/s that recordings are thinned to
-SETTLE = 5  # updates after a change of period that are not measured
-WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: its multiples are spread evenly
+SETTLE = 5  # updates that are not measured after a change of period
+WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: its multiples modulo 2^64 are even
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is measured."""
+    """Amounts that are measured."""
 
     window: float = 25.0  # s
-    points: int = 150_000  # in the window of the batch rows
-    runs: int = 9  # of everything that is compared
+    points: int = 150_000  # of a batch
+    runs: int = 9  # of calls that are compared
     fill: float = 1.0  # s: period of the updates that fill a window before it is measured
     seconds: int = 10  # updates measured at a period of 1 s
-    tenths: int = 40  # and of 0.1 s
-    per_batch: int = 4  # updates of 0.1 s measured between two batches
+    tenths: int = 40  # updates measured at a period of 0.1 s
+    per_batch: int = 4  # updates of 0.1 s between two batches
     lengths: tuple[float, ...] = (12.5, 25.0, 50.0, 100.0)  # s, of windows
     densities: tuple[int, ...] = (5_000, 10_000, 20_000, 50_000, 100_000)  # points/s
     density_window: float = 5.0  # s
     listen: float = 20.0  # s over which latency is measured
-    starts: int = 5  # of the node, with a warm cache
-    cold: bool = True  # and one with a cold one
-    # Times the default threshold: one of them gives the least AICc.
-    factors: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4, 2.0)
+    starts: int = 5  # of the node with a warm cache
+    cold: bool = True  # one start with an empty cache, too
+    factors: tuple[float, ...] = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the default threshold, for AICc
 
     @property
     def measured(self) -> float:
-        """Seconds of a drive that are measured, after its window is full, and between periods."""
+        """Seconds of a drive that are measured once its window is full."""
         return self.seconds + (self.tenths + SETTLE) / SWEEPS_PER_SECOND
 
 
-# Promises and ratios are about segments; objects and landmarks have rows among the stages.
-SEGMENTS_ALONE = Config(
+# Requirements and ratios are of segments; objects and landmarks have rows among the stages.
+SEGMENTS_ONLY = Config(
     objects=ObjectsConfig(enabled=False), landmarks=LandmarksConfig(enabled=False)
 )
 FULL = Sizes()
@@ -64,7 +63,7 @@ QUICK = Sizes(
 
 
 def steps(drive: Iterator[Sweep], period: float, count: int) -> Iterator[Sweep]:
-    """The next `count` updates of a drive with 10 sweeps/s: one every `period` s."""
+    """Yield the sweeps of the next `count` updates of a drive: one every `period` s."""
     for _ in range(count):
         part = list(islice(drive, round(period * SWEEPS_PER_SECOND)))
         if not part:
@@ -73,7 +72,7 @@ def steps(drive: Iterator[Sweep], period: float, count: int) -> Iterator[Sweep]:
 
 
 def window_points(sweeps: Iterable[Sweep], seconds: float, points: int = 0) -> Array:
-    """Finite points of the first `seconds` s; if `points` is given, so many, evenly spread."""
+    """Finite points of the first `seconds` s; at most `points`, evenly spread, if not 0."""
     cloud = join_sweeps(list(until(sweeps, seconds))).points
     cloud = cloud[np.isfinite(cloud).all(axis=1)]
     if not points or len(cloud) <= points:
@@ -82,7 +81,7 @@ def window_points(sweeps: Iterable[Sweep], seconds: float, points: int = 0) -> A
 
 
 def until(sweeps: Iterable[Sweep], seconds: float) -> Iterator[Sweep]:
-    """The sweeps whose stamps lie in the first `seconds` s."""
+    """Yield the sweeps with stamps in the first `seconds` s."""
     first = None
     for sweep in sweeps:
         first = sweep.stamp_ns if first is None else first
@@ -92,7 +91,7 @@ def until(sweeps: Iterable[Sweep], seconds: float) -> Iterator[Sweep]:
 
 
 def thinned(sweeps: Iterable[Sweep], share: float) -> Iterator[Sweep]:
-    """A share of the points, evenly spread over their order of arrival; the same every time."""
+    """Yield the sweeps with a share of their points, evenly spread; deterministic."""
     serial = 0
     limit = np.uint64(min(share, 1.0) * 2**32)
     for sweep in sweeps:
@@ -102,7 +101,7 @@ def thinned(sweeps: Iterable[Sweep], share: float) -> Iterator[Sweep]:
 
 
 def points_per_second(sweeps: Iterable[Sweep]) -> float:
-    """Mean rate of a stream; 0 if it has no length."""
+    """Mean point rate of a stream; 0 if all stamps are equal."""
     stamps, points = [], 0
     for sweep in sweeps:
         stamps.append(sweep.stamp_ns)
@@ -112,10 +111,11 @@ def points_per_second(sweeps: Iterable[Sweep]) -> float:
 
 
 def dense(rate: int, seconds: float) -> Iterator[Sweep]:
-    """The simulated drive with `rate` points/s: as if by several scanners on one vehicle.
+    """Simulated drive with `rate` points/s, as if several scanners were on one vehicle.
 
-    A whole number of times slower it is driven, and played back that much faster: so the lines
-    lie closer, none twice. Then points are thinned to the rate. The registration drifts as ever.
+    The vehicle drives an integer factor slower and is played back that much faster, so that scan
+    lines lie closer together and none is repeated; then points are thinned to the rate. Drift per
+    second stays the same.
     """
     base = points_per_second(simulate(SCENE, duration=5.0))
     times = int(np.ceil(1.1 * rate / base))  # 1.1: parts of the scene are emptier
@@ -125,7 +125,7 @@ def dense(rate: int, seconds: float) -> Iterator[Sweep]:
 
 
 def _faster(sweeps: Iterable[Sweep], times: int) -> Iterator[Sweep]:
-    """Every `times` sweeps as one, in a tenth of a second."""
+    """Yield every `times` sweeps as one of a tenth of a second."""
     source = iter(sweeps)
     first = None
     while part := list(islice(source, times)):

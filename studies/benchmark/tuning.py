@@ -1,4 +1,4 @@
-"""Section about tuning: a whole curve beside one batch."""
+"""Section about tuning: time of a whole AICc curve, and of one batch."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,20 +10,20 @@ from ellipseg_ros.records import Array
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.tuning.search import Search, curve
 from studies.benchmark.batch import batch_points
-from studies.benchmark.streams import SEGMENTS_ALONE, Sizes
+from studies.benchmark.streams import SEGMENTS_ONLY, Sizes
 from studies.report.timing import in_turn, milliseconds, ratio
 
 Section = dict[str, Any]
 
 
 def curves(sizes: Sizes) -> Section:
-    """The AICc at every threshold of the grid, for every criterion."""
+    """Times of the AICc at every threshold of the grid, for every criterion."""
     points = batch_points(sizes)
     return {"points": len(points), "cases": [_case(name, points, sizes) for name in CRITERIA]}
 
 
 def _case(criterion: str, points: Array, sizes: Sizes) -> Section:
-    config, thresholds = replace(SEGMENTS_ALONE, criterion=criterion), Search().grid(criterion)
+    config, thresholds = replace(SEGMENTS_ONLY, criterion=criterion), Search().grid(criterion)
     calls: dict[str, Callable[[], Any]] = {
         "batch": partial(segment, points, config),
         "curve": partial(curve, points, config, thresholds),

@@ -15,7 +15,7 @@ from ellipseg_ros.plots.window import INK
 # Okabe and Ito (2008), Color universal design; the darkest colours lightened for the background.
 BLUE, ORANGE, GREEN, PURPLE, YELLOW = "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442"
 RED, GREY = "#d55e00", "#999999"
-COLOURS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, RED, "#4d9bd6", "#e6edf3", GREY)
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, "#4d9bd6", RED, "#e6edf3", GREY, "#a371f7")
 
 Panel: TypeAlias = Callable[[Axes], None]  # draws into axes that have the style
 

@@ -2,7 +2,7 @@
 
 import json
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,3 +79,10 @@ def read_results(path: Path, key: str) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         raise EllipsegError(f"{path} holds no results of this study") from error
     return results
+
+
+def check_names(names: Sequence[str], known: Iterable[str], kind: str) -> None:
+    """Raise EllipsegError if `known` lacks one of `names`."""
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        raise EllipsegError(f"there is no {kind} {unknown[0]}; there are {', '.join(known)}")

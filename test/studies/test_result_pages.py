@@ -1,0 +1,23 @@
+"""The result pages in docs/results follow from the numbers beside them."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from tables import check_tables
+
+from studies.benchmark.page import page as benchmark
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+PAGES = {"benchmark": benchmark}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_follows_from_its_numbers(name):
+    results = json.loads((RESULTS / f"{name}.json").read_text())
+    text = (RESULTS / f"{name}.md").read_text()
+    assert text == PAGES[name](results).markdown()
+    assert check_tables(text) >= 2
+    for link in re.findall(r"\]\(([^)#]+)\)", text):
+        assert (RESULTS / link).exists(), link
