@@ -1,8 +1,15 @@
-"""What this package raises when the fault is in what it was given."""
+"""Errors of wrong input and settings, and one-line texts for those of other libraries."""
+
+# Optional packages, by the extra of setup.py that installs them.
+EXTRAS = {
+    "files": ("laspy", "lazrs", "pypcd4", "trimesh"),
+    "plots": ("PIL", "matplotlib"),
+    "dask": ("dask", "distributed"),
+}
 
 
 class EllipsegError(Exception):
-    """Base of all; its text is one line: what is wrong, and what would be right."""
+    """Base class; the text is one line: what is wrong, and what would be right."""
 
 
 class ConfigError(EllipsegError):
@@ -20,8 +27,16 @@ class InputError(EllipsegError):
         self.reason = reason
 
 
+def missing_package(error: ModuleNotFoundError) -> str:
+    """The package that could not be imported, with the command that installs it."""
+    package = (error.name or "").partition(".")[0]
+    extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
+    target = f"'ellipseg_ros[{extra}]'" if extra else package
+    return f"needs the package {package}: pip install {target}"
+
+
 def reason(error: Exception) -> str:
-    """What a library says of damaged data, in one line of at most 200 characters."""
+    """The message of a library's error, in one line of at most 200 characters."""
     if isinstance(error, MemoryError):
         return "it claims more than the memory holds"
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,4 +1,5 @@
-"""The whole method once more: plain, slow, written from the equations of docs/paper.md.
+"""The whole method once more: plain, slow, written from the equations of
+docs/explanation/method.md.
 
 Nothing of the package is imported. Points are (n, 3) float64 arrays; a moment is (count, mean,
 covariance).

@@ -8,17 +8,11 @@ from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
-from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.errors import EllipsegError, missing_package
 from ellipseg_ros.node.shutdown import ShutdownHandler
 
 FAILED = 2  # exit code of every error that is not a bug; argparse uses it too
 INTERRUPTED = 128 + signal.SIGINT
-# Packages that only some commands import, by the extra of setup.py that installs them.
-EXTRAS = {
-    "files": ("laspy", "lazrs", "pypcd4", "trimesh"),
-    "plots": ("PIL", "matplotlib"),
-    "dask": ("dask", "distributed"),
-}
 
 
 def program() -> int:
@@ -60,7 +54,7 @@ def run_guarded(name: str, run: Callable[[], int]) -> int:
     except ModuleNotFoundError as error:
         if not error.name or error.name.startswith("ellipseg_ros"):
             raise
-        _report(name, f"this needs the package {_how_to_install(error.name)}")
+        _report(name, f"this {missing_package(error)}")
     except BrokenPipeError:  # `ellipseg ... | head`: nothing can be written any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
@@ -76,13 +70,6 @@ def _run(argv: list[str] | None = None) -> int:
     parser = import_module("ellipseg_ros.cli.parser")
     args = parser.build_parser().parse_args(argv)
     return int(import_module(f"ellipseg_ros.cli.{args.command}").run(args))
-
-
-def _how_to_install(module: str) -> str:
-    """The package of a module that cannot be imported, with the command that installs it."""
-    package = module.partition(".")[0]
-    extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
-    return f"{package}: pip install {f'ellipseg_ros[{extra}]' if extra else package}"
 
 
 def _report(name: str, text: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ellipseg_ros.cli.report import Summary, say, write
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.io.formats.cloud import write_npz, write_ply
+from ellipseg_ros.io.formats import npz, ply
 from ellipseg_ros.records import Segmentation
 
 BAG = "bag"
@@ -52,8 +52,8 @@ def prepare(
 def finish(folder: Path, summary: Summary, found: Segmentation | None, args: Namespace) -> None:
     """Write the last window, its pictures and the summary, which then lists all files."""
     if found is not None:
-        write_npz(folder / NPZ, found)
-        write_ply(folder / PLY, found)
+        npz.write(folder / NPZ, found)
+        ply.write(folder / PLY, found)
         if not args.no_pictures:
             _draw(folder, found, args)
     here = {path.name for path in folder.iterdir()} | {SUMMARY}

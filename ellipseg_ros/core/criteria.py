@@ -75,7 +75,7 @@ def _tilt(nodes, a, b, axis):
 def density_distance(nodes, union, mass):
     """Volume of the united ellipsoid per mean mass, m: the inverse of the paper's density (eq. 6).
 
-    mass, m^2: the sum over the points. Their mean decides [choice: docs/paper.md].
+    mass, m^2: the sum over the points. Their mean decides [choice: docs/explanation/method.md].
     """
     volume = (
         4.0

@@ -10,7 +10,7 @@ from ellipseg_ros.doctor.seen import Cloud, Graph
 from ellipseg_ros.io.frames import looks_like_a_sensor
 from ellipseg_ros.records import SECOND
 
-BENCHED = 50_000  # points/s: the most for which docs/benchmarks.md has updates in real time
+BENCHED = 50_000  # points/s: the most for which docs/results/benchmark.md has updates in real time
 GAP = 3.0  # median intervals without a cloud that are worth a word
 LATE, EARLY = 0.5, 0.1  # s that stamps may be behind the clock, and ahead of it
 EMPTY = 0.5  # share of points without coordinates that is worth a word
@@ -55,7 +55,7 @@ def _contents(clouds: Sequence[Cloud]) -> Iterator[Finding]:
     bad = [cloud.problem for cloud in clouds if cloud.problem]
     if bad:
         some = f"{len(bad)} of {len(clouds)} clouds can't be used: {bad[-1]}"
-        do = "mend the publisher; docs/sensors.md says what a cloud must have"
+        do = "mend the publisher; docs/guide/sensors.md says what a cloud must have"
         yield error(some, do) if len(bad) == len(clouds) else warn(some, do)
     good = [cloud for cloud in clouds if not cloud.problem]
     if good:
@@ -155,7 +155,7 @@ def _frames(clouds: Sequence[Cloud]) -> Iterator[Finding]:
         elif looks_like_a_sensor(frame):
             yield warn(
                 f"frame {frame} looks like a sensor's: clouds of a moving sensor are smeared",
-                "give the node registered clouds, in odom: docs/sensors.md",
+                "give the node registered clouds, in odom: docs/guide/sensors.md",
             )
         else:
             yield ok(f"frame {frame}")

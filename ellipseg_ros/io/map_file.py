@@ -13,7 +13,7 @@ import numpy as np
 from ellipseg_ros.association.landmark_map import ROW_SHAPES, Stored
 from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.io.atomic_files import replacing
-from ellipseg_ros.io.formats.header_checks import check_arrays
+from ellipseg_ros.io.formats.npz import check_archive
 from ellipseg_ros.records import Array, Landmarks
 
 FORMAT = "ellipseg_ros landmark map"
@@ -42,7 +42,7 @@ def write_map(path: Path, stored: Stored) -> None:
 def read_map(path: Path) -> Stored:
     """Read a map. Raises InputError, in one line, for what is none."""
     try:
-        check_arrays(path, LARGEST)
+        check_archive(path, LARGEST)
         with np.load(path, allow_pickle=False) as file:
             values = {name: file[name] for name in NAMES if name in file.files}
     except FileNotFoundError as error:

@@ -7,14 +7,15 @@ from typing import Any
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import SUFFIXES, BagSweeps, is_bag
-from ellipseg_ros.io.formats.cloud import READERS, CloudSweeps
+from ellipseg_ros.io.cloud_file import CloudSweeps
+from ellipseg_ros.io.formats import FORMATS
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.simulation.simulator import SCENES, simulate
 
 SIMULATED = "sim:"
 SUPPORTED = (
     f"a bag ({', '.join(SUFFIXES)} or a folder of `ros2 bag record`), "
-    f"a cloud ({', '.join(READERS)}), or {SIMULATED} and one of {', '.join(SCENES)}"
+    f"a cloud ({', '.join(FORMATS)}), or {SIMULATED} and one of {', '.join(SCENES)}"
 )
 
 
@@ -49,7 +50,7 @@ def open_source(spec: str | Path, topic: str = "", **scene: Any) -> Source:
     if is_bag(path):
         bag = BagSweeps(path, topic)
         return Source(_name(path), bag.frame_id, bag.count, bag.duration, bag)
-    if path.suffix.lower() in READERS and path.is_file():
+    if path.suffix.lower() in FORMATS and path.is_file():
         cloud = CloudSweeps(path)
         return Source(_name(path), cloud.frame_id, cloud.count, cloud.duration, cloud)
     raise InputError(f"{text} is nothing that can be read; it must be {SUPPORTED}", "suffix")

@@ -17,7 +17,7 @@ from PIL import Image
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.bag import TYPES, BagSweeps, read_messages
-from ellipseg_ros.io.formats.cloud import read_fields
+from ellipseg_ros.io.cloud_file import read_fields
 from studies.endurance.fault_programs import command, run, said, started
 from studies.endurance.promises import Promise, Trial
 

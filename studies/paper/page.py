@@ -22,8 +22,8 @@ cp paper/claims.* docs && cp paper/images/* docs/images
 
 The scenes of the paper are not ours. The simulated ones imitate its scanner, not its places; of
 the real ones only numbers are shown, as the recordings are not ours to publish. Each is one window
-of points. Equations and choices: [paper.md](paper.md). AICc is given per point, and compares on
-the same points only.
+of points. Equations and choices: [method](../explanation/method.md). AICc is given per point, and
+compares on the same points only.
 """
 CLAIMED = """## Claims
 

@@ -210,7 +210,7 @@ PAGE = """# Readings of the paper, tried
 
 Written by `python studies/readings.py`: a plain Kruskal over every fourth point of the first
 window of each scene. Numbers therefore differ from those of [claims.md](claims.md), which has all
-points. What the table says is weighed in [paper.md](paper.md).
+points. What the table says is weighed in [method](../explanation/method.md).
 
 *Minima*: thresholds of least AICc, least and greatest over the scenes. *Shared loss*: the worst
 loss of the one threshold that is best for all. *AICc* per point, and *ellipsoids*: means over the

@@ -16,8 +16,8 @@ ellipseg evaluate scale sim:woodland sim:industrial sim:roadway sim:mixed SCENE.
 ```
 
 Objects are cut from one hierarchy of merges: all those before the first one that costs more than
-`objects.scale` ([objects.md](objects.md)). Here it is cut at many scales, to see what depends on
-the choice, and how much. The numbers of more scales are in [scale.json](scale.json).
+`objects.scale` ([objects](../explanation/objects.md)). Here it is cut at many scales, to see what
+depends on the choice, and how much. The numbers of more scales are in [scale.json](scale.json).
 """
 PICTURE = "![The same as curves over the scale](scale.png)\n"
 DEFINITIONS = """## What the columns say

@@ -167,7 +167,7 @@ def test_options_win_over_the_file(run, bag, tmp_path):
 
 
 def test_the_shipped_parameter_file_is_the_defaults(run, bag):
-    file = __file__.replace("test/test_cli.py", "config/segmenter.yaml")
+    file = __file__.replace("test/cli/test_cli.py", "config/segmenter.yaml")
     assert settings_of(run, bag, "--params", file) == settings_of(run, bag)
 
 

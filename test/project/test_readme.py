@@ -22,7 +22,7 @@ from ellipseg_ros.ros.replayer import Place
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
-DOCS = sorted((ROOT / "docs").glob("*.md"))
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [ROOT / "README.md", *DOCS]
 
 
@@ -134,7 +134,7 @@ def test_the_launch_files_and_executables_exist() -> None:
 
 
 def test_the_paper_page_names_code_that_exists() -> None:
-    text = (ROOT / "docs" / "paper.md").read_text()
+    text = (ROOT / "docs" / "explanation" / "method.md").read_text()
     names = set(re.findall(r"`((?:core|config|colours|grouping|segmenter)\.[\w.]+)`", text))
     assert len(names) >= 12
     for name in names:
