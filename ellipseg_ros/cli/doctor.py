@@ -1,4 +1,4 @@
-"""`ellipseg doctor`: what is wrong with an installation or a running graph, and what to do."""
+"""`ellipseg doctor`: findings about an installation, its speed and a running graph."""
 
 import json
 import os
@@ -8,79 +8,103 @@ from argparse import Namespace
 from dataclasses import asdict
 
 from ellipseg_ros.cli.report import say
-from ellipseg_ros.doctor import environment, graph, installation
-from ellipseg_ros.doctor.findings import ERROR, Finding, failed
+from ellipseg_ros.doctor.clouds import check_speed
+from ellipseg_ros.doctor.environment import check_environment, read_environment
+from ellipseg_ros.doctor.findings import ERROR, Finding, error, failed
+from ellipseg_ros.doctor.graph import check_graph
+from ellipseg_ros.doctor.installation import check_installation, read_installation
+from ellipseg_ros.doctor.snapshot import GraphSnapshot
 from ellipseg_ros.errors import EllipsegError
 
-LOAD = "import sys; from ellipseg_ros.ros.import_check import main; sys.exit(main())"
-PATIENCE = 60.0  # s
+IMPORT_ROS = "import sys; from ellipseg_ros.ros.import_check import main; sys.exit(main())"
+IMPORT_TIMEOUT_S = 60.0
+MAX_SECONDS = 3600.0  # of observation
 Findings = dict[str, list[Finding]]  # by section
 
 
 def run(args: Namespace) -> int:
-    """Look at everything and tell; 1 if anything is an error."""
-    if not 0.0 < args.seconds <= 3600.0:
-        raise EllipsegError(f"--seconds is {args.seconds:g}; it must be above 0, at most 3600")
-    middleware, messages = _load()
-    installed = installation.look(messages)
-    surroundings = environment.look(os.environ, ".".join(map(str, installed.python)), middleware)
+    """Check everything and report; returns 1 if any finding is an error."""
+    if not 0.0 < args.seconds <= MAX_SECONDS:
+        limits = f"it must be above 0, at most {MAX_SECONDS:g}"
+        raise EllipsegError(f"--seconds is {args.seconds:g}; {limits}")
+    middleware, ros_error = _import_ros()
+    installation = read_installation(ros_error)
+    python = ".".join(map(str, installation.python))
+    environment = read_environment(os.environ, python, middleware)
     findings: Findings = {
-        "installation": list(installation.check(installed)),
-        "environment": list(environment.check(surroundings)),
+        "installation": list(check_installation(installation)),
+        "environment": list(check_environment(environment)),
     }
-    if not (args.offline or messages or not middleware):
-        say(f"listening for {args.seconds:g} s ...", args)
-        findings["graph"] = _graph(args, surroundings)
+    graph = None
+    if not (args.offline or ros_error or not middleware):
+        say(f"observing the graph for {args.seconds:g} s ...", args)
+        try:
+            graph = _observe(args)
+            findings["graph"] = list(check_graph(graph, environment.receive_buffer))
+        except EllipsegError as problem:
+            findings["graph"] = [
+                error(str(problem), "correct the errors above, or the names given")
+            ]
+    if not (args.no_speed or installation.interpreted or installation.numba_error):
+        findings["speed"] = [_speed(graph, args)]
     show(findings, args)
     return 1 if any(map(failed, findings.values())) else 0
 
 
-def _load() -> tuple[str, str]:
-    """The middleware, and what is wrong with ROS or our messages."""
+def _import_ros() -> tuple[str, str]:
+    """The middleware, and why ROS or the messages do not load; each empty if there is none.
+
+    In a process of its own: a missing RMW implementation ends the process that loads it.
+    """
     try:
         done = subprocess.run(
-            [sys.executable, "-c", LOAD], capture_output=True, text=True, timeout=PATIENCE
+            [sys.executable, "-c", IMPORT_ROS],
+            capture_output=True,
+            text=True,
+            timeout=IMPORT_TIMEOUT_S,
         )
     except subprocess.TimeoutExpired:
-        return "", f"ROS does not load within {PATIENCE:g} s"
+        return "", f"ROS does not load within {IMPORT_TIMEOUT_S:g} s"
     if done.returncode == 0:
-        told = json.loads(done.stdout.splitlines()[-1])
-        return told["middleware"], told["problem"]
+        result = json.loads(done.stdout.splitlines()[-1])
+        return result["middleware"], result["problem"]
     last = done.stderr.strip().splitlines()[-1:] or [f"the process ended with {done.returncode}"]
     return "", f"ROS does not load: {' '.join(last[0].split())}"
 
 
-def _graph(args: Namespace, surroundings: environment.Environment) -> list[Finding]:
-    from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs what _load has tried
+def _observe(args: Namespace) -> GraphSnapshot:
+    from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs a working ROS
 
-    try:
-        with GraphProbe(args.topic, args.namespace) as observer:
-            seen = observer.observe(args.seconds)
-    except EllipsegError as error:
-        return [Finding(ERROR, str(error), "mend what is said above, or the names given")]
-    return list(graph.check(seen, surroundings.receive_buffer))
+    with GraphProbe(args.topic, args.namespace) as probe:
+        return probe.observe(args.seconds)
+
+
+def _speed(graph: GraphSnapshot | None, args: Namespace) -> Finding:
+    """Measure how many points per second this machine segments: some 10 s of computing."""
+    from ellipseg_ros.doctor.speed import measure_speed  # only here: numba may not load
+    from ellipseg_ros.segmenter import warm_up
+
+    say("compiling kernels, which takes longer the first time ...", args)
+    warm_up()
+    say("measuring the speed ...", args)
+    return check_speed(measure_speed(), graph)
 
 
 def show(findings: Findings, args: Namespace) -> None:
-    """Print all: as JSON, as lines, or, with --quiet, the errors alone."""
+    """Print all findings as JSON or as lines; with --quiet, the errors alone."""
     if args.json:
         rows = [
             {"section": section, **asdict(finding)}
-            for section, found in findings.items()
-            for finding in found
+            for section, results in findings.items()
+            for finding in results
         ]
         print(json.dumps(rows, indent=2))
         return
-    for section, found in findings.items():
+    for section, results in findings.items():
         if not args.quiet:
-            print(f"{section[0].upper()}{section[1:]}")
-        for finding in found:
+            print(section.capitalize())
+        for finding in results:
             if finding.level == ERROR or not args.quiet:
-                _print(finding)
-    sys.stdout.flush()
-
-
-def _print(finding: Finding) -> None:
-    print(f"  {finding.level:<6} {finding.what}")
-    if finding.do:
-        print(f"         -> {finding.do}")
+                print(f"  {finding.level:<6} {finding.text}")
+                if finding.remedy:
+                    print(f"         -> {finding.remedy}")

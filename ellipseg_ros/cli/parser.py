@@ -56,10 +56,10 @@ DEMO = """examples:
   ellipseg demo --data drive.mcap --topic /velodyne/registered -o drive_demo"""
 
 DOCTOR = """examples:
-  ellipseg doctor                           installation, environment, running graph
+  ellipseg doctor                           installation, environment, graph, speed
   ellipseg doctor --topic /cloud_registered --seconds 10
   ellipseg doctor --namespace /front
-  ellipseg doctor --offline --json
+  ellipseg doctor --offline --no-speed --json
 
 Exit code 1: at least one finding is an error."""
 
@@ -82,7 +82,7 @@ def build_parser() -> argparse.ArgumentParser:
     _demo(add_command(commands, "demo", "run the node on a source and check its output", DEMO))
     _doctor(
         add_command(
-            commands, "doctor", "check installation, environment and running graph", DOCTOR
+            commands, "doctor", "check installation, environment, running graph and speed", DOCTOR
         )
     )
     return parser
@@ -181,6 +181,9 @@ def _doctor(command: argparse.ArgumentParser) -> None:
         "--seconds", type=float, default=5.0, metavar="S", help="to observe the clouds (5)"
     )
     command.add_argument("--offline", action="store_true", help="do not observe the running graph")
+    command.add_argument(
+        "--no-speed", action="store_true", help="skip the speed check, up to 20 s of computing"
+    )
     add_report_options(command)
 
 

@@ -1,4 +1,4 @@
-"""Whether the clouds that come are such as the node needs."""
+"""Checks whether the received clouds meet the needs of the node."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -6,175 +6,173 @@ from statistics import median
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
-from ellipseg_ros.doctor.seen import Cloud, Graph
+from ellipseg_ros.doctor.snapshot import CloudInfo, GraphSnapshot
 from ellipseg_ros.io.frames import looks_like_a_sensor
 from ellipseg_ros.records import SECOND
 
-BENCHED = 50_000  # points/s: the most for which docs/results/benchmark.md has updates in real time
-GAP = 3.0  # median intervals without a cloud that are worth a word
-LATE, EARLY = 0.5, 0.1  # s that stamps may be behind the clock, and ahead of it
-EMPTY = 0.5  # share of points without coordinates that is worth a word
+GAP_RATIO = 3.0  # longest interval between clouds, in median intervals
+MIN_GAP_S = 0.5  # a shorter interval is not reported
+MAX_AGE_S, MAX_AHEAD_S = 0.5, 0.1  # stamps behind the system clock, and ahead of it
+MAX_NAN_SHARE = 0.5  # points without coordinates
 
 
-def check_clouds(graph: Graph, receive_buffer: int | None = None) -> Iterator[Finding]:
-    """Yield what there is to say of the clouds that came."""
+def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Iterator[Finding]:
+    """Findings about the clouds; receive_buffer: of a socket, in bytes."""
     clouds = graph.clouds
     if not clouds:
         yield error(
-            f"no cloud came on {graph.topic.name} within {graph.seconds:g} s",
-            "is it paused, or without input itself? `ros2 topic hz` on what it subscribes to; a "
-            "firewall, or a cloud larger than the socket buffers?",
+            f"no cloud arrived on {graph.topic.name} within {graph.seconds:g} s",
+            "check that the publisher runs and has input (`ros2 topic hz`), and that no firewall "
+            "or socket buffer blocks its clouds",
         )
         return
     yield from _contents(clouds)
     yield _rate(clouds)
-    yield from _stamps(clouds, _setting(graph, "max_lateness", Config().max_lateness))
-    yield from _clock(clouds, graph.clock)
+    yield from _stamps(clouds, graph.parameter("max_lateness", Config().max_lateness))
+    if not graph.has_clock and clouds[-1].stamp_ns:
+        yield _age(median(cloud.age for cloud in clouds))
     yield from _frames(clouds)
-    yield from _points(clouds, graph)
+    yield from _density(graph)
     largest = max(cloud.size for cloud in clouds)
     if receive_buffer is not None and largest > receive_buffer:
+        enough = 1 << (4 * largest - 1).bit_length()
         yield warn(
             f"a cloud has {largest / 2**10:.0f} KiB, a socket buffer at most "
-            f"{receive_buffer / 2**10:.0f} KiB: from another machine, clouds get lost",
-            f"sudo sysctl -w net.core.rmem_max={_power_of_two(4 * largest)}",
+            f"{receive_buffer / 2**10:.0f} KiB: clouds from another machine may be lost",
+            f"sudo sysctl -w net.core.rmem_max={enough}",
         )
 
 
-def _setting(graph: Graph, name: str, default: float) -> float:
-    """A parameter of the segmenter that runs, or its default."""
-    known = [one.parameters[name] for one in graph.segmenters if name in one.parameters]
-    return float(known[0]) if known else default
+def check_speed(speed: float, graph: GraphSnapshot | None) -> Finding:
+    """Finding about the speed of this machine, in points/s, and the density of the clouds."""
+    text = f"this machine segments about {speed:,.0f} points per second (window of 5 s)"
+    rate = None if graph is None else _points_per_second(graph)
+    if rate is None:
+        return ok(text)
+    if rate <= speed:
+        return ok(f"{text}; the clouds have {rate:,.0f}")
+    return warn(
+        f"{text}; the clouds have {rate:,.0f}, more than can be segmented in real time",
+        f"set max_points_per_second to {max(1000, round(0.5 * speed, -3)):.0f}, then watch the "
+        "latency in /diagnostics",
+    )
 
 
-def _power_of_two(least: int) -> int:
-    return 1 << (least - 1).bit_length()
-
-
-def _contents(clouds: Sequence[Cloud]) -> Iterator[Finding]:
-    bad = [cloud.problem for cloud in clouds if cloud.problem]
-    if bad:
-        some = f"{len(bad)} of {len(clouds)} clouds can't be used: {bad[-1]}"
-        do = "mend the publisher; docs/guide/sensors.md says what a cloud must have"
-        yield error(some, do) if len(bad) == len(clouds) else warn(some, do)
+def _contents(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
+    problems = [cloud.problem for cloud in clouds if cloud.problem]
+    if problems:
+        level = error if len(problems) == len(clouds) else warn
+        yield level(
+            f"{len(problems)} of {len(clouds)} clouds can't be used: {problems[-1]}",
+            "correct the publisher; docs/guide/sensors.md describes what a cloud must have",
+        )
     good = [cloud for cloud in clouds if not cloud.problem]
-    if good:
-        own = "with" if good[-1].timed else "without"
-        more = "" if "intensity" in good[-1].fields else "; no intensity, which is not needed"
-        yield ok(f"fields {', '.join(good[-1].fields)}; {own} times of points{more}")
+    if not good:
+        return
+    times = "with" if good[-1].timed else "without"
+    optional = "" if "intensity" in good[-1].fields else "; no intensity, which is optional"
+    yield ok(f"fields {', '.join(good[-1].fields)}; {times} times of points{optional}")
     points = sum(cloud.points for cloud in good)
-    without = points - sum(cloud.finite for cloud in good)
-    if good and not points:
-        yield error("every cloud is empty", "look at the input of the publisher")
-    elif without == points and good:
-        yield error("no point has coordinates: all are NaN", "look at the input of the publisher")
-    elif points and without > EMPTY * points:
+    missing = points - sum(cloud.finite for cloud in good)
+    if not points:
+        yield error("every cloud is empty", "check the input of the publisher")
+    elif missing == points:
+        yield error("no point has coordinates: all are NaN", "check the input of the publisher")
+    elif missing > MAX_NAN_SHARE * points:
         yield warn(
-            f"{without / points:.0%} of the points are NaN: they cost bandwidth",
+            f"{missing / points:.0%} of the points are NaN, which costs bandwidth",
             "publish clouds without the rays that hit nothing",
         )
 
 
-def _rate(clouds: Sequence[Cloud]) -> Finding:
+def _rate(clouds: Sequence[CloudInfo]) -> Finding:
     gaps = [b.arrived - a.arrived for a, b in pairwise(clouds)]
     if not gaps:
-        return warn("a single cloud came", "listen longer: --seconds 20")
+        return warn("only one cloud arrived", "observe for longer: --seconds 20")
     usual, longest = median(gaps), max(gaps)
     rate = len(gaps) / max(sum(gaps), 1e-9)
-    spread = median(abs(gap - usual) for gap in gaps)
-    text = f"{rate:.1f} clouds a second, jitter {1e3 * spread:.0f} ms"
-    if longest > max(GAP * usual, 0.5):
+    jitter = median(abs(gap - usual) for gap in gaps)
+    text = f"{rate:.1f} clouds per second, jitter {1e3 * jitter:.0f} ms"
+    if longest > max(GAP_RATIO * usual, MIN_GAP_S):
         return warn(
-            f"{text}; none came for {longest:.1f} s",
-            "is the publisher busy, or the network? `ros2 topic delay`, `top`",
+            f"{text}; none arrived for {longest:.1f} s",
+            "check the load of publisher and network: `ros2 topic delay`, `top`",
         )
     return ok(text)
 
 
-def _stamps(clouds: Sequence[Cloud], lateness: float) -> Iterator[Finding]:
+def _stamps(clouds: Sequence[CloudInfo], lateness: float) -> Iterator[Finding]:
+    """Findings about the order of the stamps; lateness: in s, `max_lateness`."""
     stamps = [cloud.stamp_ns for cloud in clouds]
     steps = [b - a for a, b in pairwise(stamps)]
     if len(stamps) > 2 and len(set(stamps)) == 1:
-        where = "zero" if not stamps[0] else f"the same, {stamps[0] / SECOND:.3f} s"
+        value = "zero" if not stamps[0] else f"the same, {stamps[0] / SECOND:.3f} s"
         yield error(
-            f"all stamps are {where}: time stands still, the window never moves",
+            f"all stamps are {value}, so the window never moves",
             "have the publisher set header.stamp",
         )
         return
     jumps = sum(step < -lateness * SECOND for step in steps)
-    back = sum(step < 0 for step in steps) - jumps
+    late = sum(step < 0 for step in steps) - jumps
     if jumps:
         yield warn(
-            f"stamps jumped back {jumps} times by more than max_lateness ({lateness:g} s): the "
-            "window begins anew each time",
-            "a recording in a loop? else, are there two publishers with clocks of their own?",
+            f"stamps jumped back {jumps} times by more than max_lateness ({lateness:g} s), which "
+            "restarts the window each time",
+            "normal for a recording in a loop; else check for two publishers with different "
+            "clocks",
         )
-    if back:
+    if late:
         yield warn(
-            f"{back} clouds came after younger ones, within max_lateness ({lateness:g} s)",
-            "they are taken; a publisher in order is better",
+            f"{late} clouds arrived after later ones, within max_lateness ({lateness:g} s)",
+            "they are accepted; publish in order if possible",
         )
-    if steps and not jumps and not back:
-        yield ok("stamps go forward")
+    if steps and not jumps and not late:
+        yield ok("stamps increase")
 
 
-def _clock(clouds: Sequence[Cloud], simulated: bool) -> Iterator[Finding]:
-    age = median(cloud.age for cloud in clouds)
-    if simulated or not clouds[-1].stamp_ns:
-        return
-    do = "updates go by stamps and do not mind; tf and RViz do: "
-    if age > LATE:
-        yield warn(
-            f"stamps are {_duration(age)} behind the clock",
-            f"{do}a recording? play it with /clock and use_sim_time; else, is the odometry slow, "
-            "or is a clock wrong (chrony, PTP)?",
-        )
-    elif age < -EARLY:
-        yield warn(
-            f"stamps are {_duration(-age)} ahead of the clock",
-            f"{do}synchronize the clocks of sensor and computer (chrony, PTP)",
-        )
-    else:
-        yield ok(f"stamps are {1e3 * age:.0f} ms behind the clock")
+def _age(age: float) -> Finding:
+    """Finding about the median time from a stamp to the system clock, in s."""
+    if -MAX_AHEAD_S <= age <= MAX_AGE_S:
+        return ok(f"stamps are {1e3 * age:.0f} ms behind the clock")
+    size = abs(age)
+    text = f"{size:.1f} s" if size < 3600 else f"{size / 3600:.0f} h"
+    side = "behind" if age > 0.0 else "ahead of"
+    return warn(
+        f"stamps are {text} {side} the clock",
+        "no problem for updates, but for tf and RViz: play recordings with /clock and "
+        "use_sim_time; synchronize the clocks of sensor and computer (chrony, PTP)",
+    )
 
 
-def _duration(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 3600 else f"{seconds / 3600:.0f} h"
-
-
-def _frames(clouds: Sequence[Cloud]) -> Iterator[Finding]:
+def _frames(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
     frames = list(dict.fromkeys(cloud.frame_id for cloud in clouds))
     if len(frames) > 1:
         yield error(
-            f"the frame changes: {', '.join(frames)}; at every change the window begins anew",
-            "one topic with clouds in one frame",
+            f"the frame changes: {', '.join(frames)}; every change restarts the window",
+            "publish the clouds of a topic in one frame",
         )
     for frame in frames:
         if not frame:
-            yield warn("header.frame_id is empty", "RViz shows nothing without: set it to odom")
+            yield warn("header.frame_id is empty, so RViz shows nothing", "set it to odom")
         elif looks_like_a_sensor(frame):
             yield warn(
-                f"frame {frame} looks like a sensor's: clouds of a moving sensor are smeared",
+                f"frame {frame} is probably that of a sensor: a moving sensor smears the window",
                 "give the node registered clouds, in odom: docs/guide/sensors.md",
             )
         else:
             yield ok(f"frame {frame}")
 
 
-def _points(clouds: Sequence[Cloud], graph: Graph) -> Iterator[Finding]:
-    seconds = clouds[-1].arrived - clouds[0].arrived
-    if len(clouds) < 2 or seconds <= 0.0:
-        return
-    rate = sum(cloud.finite for cloud in clouds[1:]) / seconds
-    limit = _setting(graph, "max_points_per_second", Config().max_points_per_second)
-    text = f"{rate:,.0f} points a second"
-    if 0 < limit < rate:
-        yield ok(f"{text}, thinned to {limit:,.0f} (max_points_per_second)")
-    elif rate > BENCHED:
-        yield warn(
-            f"{text}; `ellipseg bench` took {BENCHED:,} in real time on two cores, in a window of "
-            "5 s",
-            "set max_points_per_second: 10000 to begin with, then watch the latency",
-        )
-    else:
-        yield ok(text)
+def _density(graph: GraphSnapshot) -> Iterator[Finding]:
+    rate = graph.points_per_second
+    if rate is not None:
+        limit = _points_per_second(graph)
+        thinned = f", thinned to {limit:,.0f} (max_points_per_second)" if limit != rate else ""
+        yield ok(f"{rate:,.0f} points per second{thinned}")
+
+
+def _points_per_second(graph: GraphSnapshot) -> float | None:
+    """Rate of the points that the node segments, after thinning; None if it is not known."""
+    rate = graph.points_per_second
+    limit = graph.parameter("max_points_per_second", Config().max_points_per_second)
+    return min(rate, limit) if rate is not None and limit > 0.0 else rate

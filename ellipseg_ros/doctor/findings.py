@@ -1,4 +1,4 @@
-"""What a check says."""
+"""The result of a check."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,28 +8,28 @@ OK, WARN, ERROR = "ok", "warn", "error"
 
 @dataclass(frozen=True)
 class Finding:
-    """One line: how bad, what, and what to do about it (nothing, if it is fine)."""
+    """A fact about the system, its level, and a remedy (empty if it is fine)."""
 
     level: str
-    what: str
-    do: str = ""
+    text: str
+    remedy: str = ""
 
 
-def ok(what: str) -> Finding:
-    """All is well."""
-    return Finding(OK, what)
+def ok(text: str) -> Finding:
+    """A fact that is as it should be."""
+    return Finding(OK, text)
 
 
-def warn(what: str, do: str) -> Finding:
-    """It works, but not as it might be expected."""
-    return Finding(WARN, what, do)
+def warn(text: str, remedy: str) -> Finding:
+    """A fact that may have unwanted effects."""
+    return Finding(WARN, text, remedy)
 
 
-def error(what: str, do: str) -> Finding:
-    """It can't work like this."""
-    return Finding(ERROR, what, do)
+def error(text: str, remedy: str) -> Finding:
+    """A fact that prevents correct operation."""
+    return Finding(ERROR, text, remedy)
 
 
 def failed(findings: Iterable[Finding]) -> bool:
-    """Whether anything is an error."""
+    """Whether any finding is an error."""
     return any(finding.level == ERROR for finding in findings)

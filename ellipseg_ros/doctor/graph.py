@@ -1,23 +1,22 @@
-"""Whether those who should talk to each other do: publishers, segmenters, subscribers."""
+"""Checks of a running graph: publishers, segmenters and subscribers, and their connections."""
 
 from collections import Counter
 from collections.abc import Iterator
 
 from ellipseg_ros.doctor.clouds import check_clouds
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
-from ellipseg_ros.doctor.seen import Graph, SegmenterSeen, Topic
+from ellipseg_ros.doctor.snapshot import GraphSnapshot, SegmenterInfo, Topic
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
-OUTPUTS = ("segmented_points", "ellipsoids", "segments", "landmarks", "tuning_curve")
 
 
-def check(graph: Graph, receive_buffer: int | None = None) -> Iterator[Finding]:
-    """Yield what there is to say of a graph; receive_buffer: bytes, largest of a socket."""
+def check_graph(graph: GraphSnapshot, receive_buffer: int | None = None) -> Iterator[Finding]:
+    """Findings about a graph; receive_buffer: maximum of a socket, in bytes."""
     if not graph.nodes:
         yield warn(
-            "nobody else is there",
-            "start something, or compare ROS_DOMAIN_ID, discovery range, middleware and firewall "
-            "with those of the other terminals and machines",
+            "there is no other node",
+            "start one, or compare ROS_DOMAIN_ID, discovery range, middleware and firewall with "
+            "those of the other terminals and machines",
         )
     yield from _publishers(graph)
     yield from _mismatches(graph.topic)
@@ -26,145 +25,150 @@ def check(graph: Graph, receive_buffer: int | None = None) -> Iterator[Finding]:
     yield from _segmenters(graph)
 
 
-def _publishers(graph: Graph) -> Iterator[Finding]:
+def _publishers(graph: GraphSnapshot) -> Iterator[Finding]:
     name = graph.topic.name
-    kinds = {end.kind for end in graph.topic.publishers}
-    if kinds - {CLOUD}:
+    wrong_types = {end.msg_type for end in graph.topic.publishers} - {CLOUD}
+    if wrong_types:
         yield error(
-            f"{name} is published as {', '.join(sorted(kinds - {CLOUD}))}, not as {CLOUD}",
-            _remapping(graph, "give the topic with the clouds"),
+            f"{name} is published as {', '.join(sorted(wrong_types))}, not as {CLOUD}",
+            _remapping(graph) or "give the topic with the clouds",
         )
-    senders = [end for end in graph.topic.publishers if end.kind == CLOUD]
+    publishers = [end for end in graph.topic.publishers if end.msg_type == CLOUD]
     if not graph.topic.publishers:
         yield error(
-            f"nobody publishes {name}",
-            _remapping(graph, "start the lidar odometry, or `ellipseg replay` with a recording"),
+            f"{name} has no publisher",
+            _remapping(graph) or "start the lidar odometry, or `ellipseg replay` a recording",
         )
-    elif len(senders) > 1:
+    elif len(publishers) > 1:
         yield warn(
-            f"{len(senders)} publishers of {name}: {', '.join(end.node for end in senders)}",
-            "fine, if their clouds are registered in one frame, by one clock",
+            f"{len(publishers)} publishers of {name}: {', '.join(end.node for end in publishers)}",
+            "correct only if their clouds are registered in one frame, with one clock",
         )
-    elif senders:
-        how = f"{senders[0].reliability}, {senders[0].durability}"
-        yield ok(f"{name} is published by {senders[0].node} ({how})")
+    elif publishers:
+        qos = f"{publishers[0].reliability}, {publishers[0].durability}"
+        yield ok(f"{name} is published by {publishers[0].node} ({qos})")
 
 
-def _remapping(graph: Graph, otherwise: str) -> str:
-    """What to type to hear the clouds that there are."""
-    others = [name for name in graph.elsewhere if not name.endswith("segmented_points")]
-    if not others:
-        return otherwise
+def _remapping(graph: GraphSnapshot) -> str:
+    """The command that subscribes to another topic with clouds; empty if there is none."""
+    topics = [name for name in graph.other_cloud_topics if not name.endswith("segmented_points")]
+    if not topics:
+        return ""
     base = graph.topic.name.rpartition("/")[2]
     return (
-        f"clouds are on {', '.join(others)}; `ros2 run ellipseg_ros segmenter --ros-args "
-        f"-r {base}:={others[0]}`"
+        f"clouds are on {', '.join(topics)}; `ros2 run ellipseg_ros segmenter --ros-args "
+        f"-r {base}:={topics[0]}`"
     )
 
 
 def _mismatches(topic: Topic) -> Iterator[Finding]:
     for text in topic.mismatches:
         yield error(
-            f"{topic.name}: QoS does not match, nothing arrives: {text}",
-            "offer what is asked for: a segmenter with input_reliability auto and a viewer with "
-            "reliability best effort and durability volatile match everybody",
+            f"{topic.name}: incompatible QoS, nothing is received: {text}",
+            "compatible with any: a segmenter with input_reliability auto, a viewer with "
+            "reliability best effort and durability volatile",
         )
 
 
-def _segmenters(graph: Graph) -> Iterator[Finding]:
-    for name in graph.twins:
+def _segmenters(graph: GraphSnapshot) -> Iterator[Finding]:
+    for name in graph.duplicate_names:
         yield error(
             f"several nodes are named {name}: services and parameters reach any of them",
-            "end one of them, or start it with `-r __node:=` or `-r __ns:=` and another name",
+            "end all but one, or start them with different names: `-r __node:=` or `-r __ns:=`",
         )
-    crowded = Counter(one.node.rpartition("/")[0] for one in graph.segmenters)
-    for namespace, count in crowded.items():
+    namespaces = Counter(segmenter.node.rpartition("/")[0] for segmenter in graph.segmenters)
+    for namespace, count in namespaces.items():
         if count > 1:
             yield error(
-                f"{count} segmenters in the namespace {namespace or '/'}: they publish on the "
-                "same topics, and their ids mean different things",
+                f"{count} segmenters in the namespace {namespace or '/'} publish on the same "
+                "topics, with conflicting ids",
                 "give each a namespace: `-r __ns:=/front`",
             )
     if not graph.segmenters:
         yield warn(
             f"no segmenter runs in the namespace {graph.namespace}",
-            f"ros2 run ellipseg_ros segmenter --ros-args -r points:={_clouds_of(graph)}",
+            f"ros2 run ellipseg_ros segmenter --ros-args -r points:={_cloud_topic(graph)}",
         )
-    for one in graph.segmenters:
-        yield from _segmenter(one, graph)
+    for segmenter in graph.segmenters:
+        yield from _inputs(segmenter, graph)
+        yield _health(segmenter, graph.seconds)
+        yield from _clock(segmenter, graph)
+        yield from _outputs(segmenter)
 
 
-def _clouds_of(graph: Graph) -> str:
-    return graph.topic.name if graph.topic.publishers else (*graph.elsewhere, "TOPIC")[0]
+def _cloud_topic(graph: GraphSnapshot) -> str:
+    if graph.topic.publishers:
+        return graph.topic.name
+    return (*graph.other_cloud_topics, "TOPIC")[0]
 
 
-def _segmenter(one: SegmenterSeen, graph: Graph) -> Iterator[Finding]:
-    yield from _input(one, graph)
-    yield _health(one, graph.seconds)
-    yield from _clock(one, graph)
-    heard = [
-        f"{topic.name.rpartition('/')[2]} by {', '.join(end.node for end in topic.subscribers)}"
-        for topic in one.outputs
-        if topic.subscribers
-    ]
-    if heard:
-        yield ok(f"{one.node} is heard: {'; '.join(heard)}")
-    else:
+def _inputs(segmenter: SegmenterInfo, graph: GraphSnapshot) -> Iterator[Finding]:
+    if not segmenter.inputs:
         yield warn(
-            f"nobody subscribes to what {one.node} publishes, so it builds no messages",
-            "rviz2 -d config/ellipseg.rviz, or `ros2 topic echo` of segments",
+            f"{segmenter.node} has not subscribed to clouds yet",
+            "wait until it logs `ready`: the first start compiles its kernels, half a minute",
         )
-    for topic in one.outputs:
-        yield from _mismatches(topic)
-
-
-def _input(one: SegmenterSeen, graph: Graph) -> Iterator[Finding]:
-    if not one.inputs:
-        yield warn(
-            f"{one.node} does not subscribe to clouds yet",
-            "wait until its log says `ready`: the first time it compiles its kernels, which takes "
-            "half a minute",
-        )
-    for topic in one.inputs:
-        if topic.name != graph.topic.name and not topic.publishers:
+    for topic in segmenter.inputs:
+        if topic.name == graph.topic.name:
+            continue
+        if topic.publishers:
+            yield ok(f"{segmenter.node} subscribes to {topic.name}, not to {graph.topic.name}")
+        else:
             yield error(
-                f"{one.node} subscribes to {topic.name}, which nobody publishes",
-                f"start it with `-r points:={_clouds_of(graph)}`",
+                f"{segmenter.node} subscribes to {topic.name}, which has no publisher",
+                f"start it with `-r points:={_cloud_topic(graph)}`",
             )
-        elif topic.name != graph.topic.name:
-            yield ok(f"{one.node} subscribes to {topic.name}, not to {graph.topic.name}")
 
 
-def _health(one: SegmenterSeen, seconds: float) -> Finding:
-    if one.level is None:
+def _health(segmenter: SegmenterInfo, seconds: float) -> Finding:
+    if segmenter.level is None:
         return error(
-            f"no /diagnostics of {one.node} within {seconds:g} s; they should come every second",
-            "look at its log; restart it if it does not answer",
+            f"no /diagnostics of {segmenter.node} within {seconds:g} s; it publishes every second",
+            "read its log; restart it if it does not respond",
         )
-    text = f"{one.node} says: {one.message}"
-    latency, waiting = one.values.get("latency median [s]"), one.values.get("updates waiting")
+    text = f"{segmenter.node} reports: {segmenter.message}"
+    latency = segmenter.values.get("latency median [s]")
     if latency:
+        waiting = segmenter.values.get("updates waiting")
         text += f" (latency {latency} s, {waiting} updates waiting)"
-    if not one.level:
+    if not segmenter.level:
         return ok(text)
-    return (warn if one.level == 1 else error)(text, "README.md says what to do: /diagnostics")
+    level = warn if segmenter.level == 1 else error
+    return level(text, "see the table of /diagnostics in docs/reference")
 
 
-def _clock(one: SegmenterSeen, graph: Graph) -> Iterator[Finding]:
-    if not one.parameters:
+def _clock(segmenter: SegmenterInfo, graph: GraphSnapshot) -> Iterator[Finding]:
+    if not segmenter.parameters:
         yield error(
-            f"{one.node} does not answer on its parameter services",
-            "look at its log; with DDS security, allow the requests in the policy",
+            f"{segmenter.node} does not respond on its parameter services",
+            "read its log; with DDS security, allow the requests in the policy",
         )
         return
-    simulated = one.parameters.get("use_sim_time")
-    if simulated and not graph.clock:
+    simulated = segmenter.parameters.get("use_sim_time")
+    if simulated and not graph.has_clock:
         yield warn(
-            f"{one.node} has use_sim_time, and nobody publishes /clock",
+            f"{segmenter.node} has use_sim_time, and /clock has no publisher",
             "publish it (`ros2 bag play --clock`, `ellipseg replay`), or set it to false",
         )
-    elif graph.clock and not simulated:
+    elif graph.has_clock and not simulated:
         yield ok(
-            f"{one.node} has no use_sim_time beside a /clock: only the stamps of its "
-            "/diagnostics differ, as updates go by the stamps of the clouds"
+            f"{segmenter.node} has no use_sim_time though there is a /clock, which affects only "
+            "the stamps of its /diagnostics"
         )
+
+
+def _outputs(segmenter: SegmenterInfo) -> Iterator[Finding]:
+    subscribed = [
+        f"{topic.name.rpartition('/')[2]} by {', '.join(end.node for end in topic.subscribers)}"
+        for topic in segmenter.outputs
+        if topic.subscribers
+    ]
+    if subscribed:
+        yield ok(f"subscribers of {segmenter.node}: {'; '.join(subscribed)}")
+    else:
+        yield warn(
+            f"{segmenter.node} has no subscribers, so it builds no messages",
+            "rviz2 -d config/ellipseg.rviz, or `ros2 topic echo` of segments",
+        )
+    for topic in segmenter.outputs:
+        yield from _mismatches(topic)

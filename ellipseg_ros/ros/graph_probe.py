@@ -17,7 +17,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import PointCloud2
 
-from ellipseg_ros.doctor.seen import Cloud, End, Graph, SegmenterSeen, Topic
+from ellipseg_ros.doctor.snapshot import CloudInfo, Endpoint, GraphSnapshot, SegmenterInfo, Topic
 from ellipseg_ros.errors import EllipsegError, InputError
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
@@ -45,7 +45,7 @@ class GraphProbe(AuxiliaryNode):
 
     def __init__(self, topic: str, namespace: str) -> None:
         self._asked, self._namespace = topic, namespace
-        self._clouds: list[Cloud] = []
+        self._clouds: list[CloudInfo] = []
         self._said: dict[str, Any] = {}  # last status of a segmenter, by the name of its node
         self._parameters: dict[str, dict[str, Any]] = {}
         self._clients: dict[str, Client] = {}  # that ask for them
@@ -62,7 +62,7 @@ class GraphProbe(AuxiliaryNode):
             self.close()
             raise _not_started(error) from error
 
-    def observe(self, seconds: float) -> Graph:
+    def observe(self, seconds: float) -> GraphSnapshot:
         """Look around, then listen for so many seconds; who is found late is met as well."""
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH)
         self._wait(DISCOVERY, self._all_is_there)
@@ -135,7 +135,7 @@ class GraphProbe(AuxiliaryNode):
         except InputError as error:
             problem = str(error)
         self._clouds.append(
-            Cloud(
+            CloudInfo(
                 arrived=arrived,
                 age=(now_ns - stamp_ns) / SECOND,
                 stamp_ns=stamp_ns,
@@ -200,7 +200,7 @@ class GraphProbe(AuxiliaryNode):
     def _inputs(self, name: str) -> list[str]:
         return self._of(name, "subscriber", CLOUD)
 
-    def _graph(self, seconds: float) -> Graph:
+    def _graph(self, seconds: float) -> GraphSnapshot:
         names = Counter(self._others())
         elsewhere = [
             topic
@@ -209,26 +209,26 @@ class GraphProbe(AuxiliaryNode):
             and topic != self._topic
             and self.node.get_publishers_info_by_topic(topic)
         ]
-        return Graph(
+        return GraphSnapshot(
             topic=self._look_at(self._topic),
             seconds=seconds,
             clouds=tuple(self._clouds),
-            elsewhere=tuple(sorted(elsewhere)),
+            other_cloud_topics=tuple(sorted(elsewhere)),
             segmenters=tuple(self._segmenter(name) for name in self._segmenters()),
-            twins=tuple(name for name, count in names.items() if count > 1),
+            duplicate_names=tuple(name for name, count in names.items() if count > 1),
             nodes=sum(names.values()),
-            clock=bool(self.node.get_publishers_info_by_topic("/clock")),
+            has_clock=bool(self.node.get_publishers_info_by_topic("/clock")),
             namespace=self._namespace,
         )
 
-    def _segmenter(self, name: str) -> SegmenterSeen:
+    def _segmenter(self, name: str) -> SegmenterInfo:
         status = self._said.get(name)
         outputs = [
             topic
             for kind in (SEGMENTS, CLOUD, *OTHERS)
             for topic in self._of(name, "publisher", kind)
         ]
-        return SegmenterSeen(
+        return SegmenterInfo(
             node=name,
             inputs=tuple(map(self._look_at, self._inputs(name))),
             outputs=tuple(map(self._look_at, outputs)),
@@ -279,8 +279,8 @@ def _line(why: str) -> str:
     return " ".join(why.replace("ERROR:", "").split()).rstrip("; ").lower()
 
 
-def _end(info: TopicEndpointInfo) -> End:
+def _end(info: TopicEndpointInfo) -> Endpoint:
     qos = info.qos_profile
-    return End(
+    return Endpoint(
         _name(info), info.topic_type, qos.reliability.name.lower(), qos.durability.name.lower()
     )
