@@ -1,9 +1,9 @@
-# Everything that is run from a checkout. It needs Linux on x86-64, Python 3.10 to 3.13 and a C++
-# compiler; ROS 2 comes from PyPI, into .venv. A ROS installation is neither needed nor used.
+# Tasks of a checkout. They need Linux on x86-64, Python 3.10 to 3.13 and a C++ compiler. ROS 2 is
+# installed from PyPI into .venv; a ROS installation is neither needed nor used.
 
-# The Python of .venv; `make clean` before another one.
+# The Python of .venv. Run `make clean` before changing it.
 PYTHON ?= python3
-# The installer: uv where it is present or installable, else pip; UV=no for pip in any case.
+# The installer: uv if it can be had, else pip. UV=no selects pip.
 UV ?= $(shell command -v uv || true)
 
 SHELL := bash
@@ -15,36 +15,38 @@ MAKEFLAGS += --no-builtin-rules --no-print-directory
 BIN := .venv/bin
 READY := .venv/ready
 
-# A sourced ROS or another venv would mix its libraries with those of .venv. The last one is the
-# mark by which the wheels of ROS know that LD_LIBRARY_PATH is set.
+# A sourced ROS or another venv would mix its libraries with those of .venv. The wheels of ROS set
+# the last variable to note that LD_LIBRARY_PATH is set.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME
 unexport PYTHONPATH ROS_DISTRO VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Tests and demo talk to processes of this machine only.
+# Tests and demo communicate within this machine only.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test bench evaluate paper soak lint format clean
+.PHONY: help setup demo test coverage lint format docs bench evaluate paper soak clean
 
 help:
 	@cat <<-'END'
-	make setup            installs everything into .venv
-	make demo             runs the main job on a simulated scene, results in demo/
+	make setup            install everything into .venv
+	make demo             run the node on a simulated drive and check it; results in demo/
 	make demo DATA=path   the same on a bag or a cloud of yours
-	make test             runs lint and all tests
-	make bench            measures speed, latency and memory
-	make evaluate         measures partitions and landmarks against truth
-	make paper            draws the paper's figures and checks its findings
-	make soak             runs the endurance and fault-injection tests, 75 minutes
-	                      with options: make bench ARGS='--quick'
-	make lint             checks style and types
-	make format           formats the code
-	make clean            removes what the others have made
+	make test             run lint and all tests
+	make coverage         run all tests and report the coverage of the package without ros/
+	make lint             check style, types and spelling
+	make format           format the code
+	make docs             build the documentation site in build/docs
+	make clean            remove everything that these targets have made
+	Studies; options as in make bench ARGS='--quick':
+	make bench            measure speed, latency and memory
+	make evaluate         measure partitions and landmarks against truth
+	make paper            draw the paper's figures and check its findings
+	make soak             run the endurance and fault-injection tests, 75 minutes
 	END
 
 setup: $(READY)
 	@:
 
-# .venv can't be moved, so it notes where it belongs.
+# .venv cannot be moved, so READY holds the folder that it was made in.
 ifneq ($(file <$(READY)),$(CURDIR))
 .PHONY: $(READY)
 endif
@@ -54,10 +56,10 @@ $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml 
 	@stop() { echo "make setup: $$1" >&2; exit 1; }
 	[ "$$(uname -sm)" = "Linux x86_64" ] || stop \
 	    "ROS 2 is on PyPI for Linux on x86-64 only; elsewhere use colcon with a ROS installation"
-	command -v '$(PYTHON)' >/dev/null || stop "there is no $(PYTHON); set PYTHON=python3.12, say"
+	command -v '$(PYTHON)' >/dev/null || stop "$(PYTHON) was not found; set PYTHON, for example PYTHON=python3.12"
 	'$(PYTHON)' -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, 14))' || stop \
-	    "$(PYTHON) is $$('$(PYTHON)' -V), not 3.10 to 3.13; set PYTHON=python3.12, say"
-	command -v "$${CXX:-c++}" >/dev/null || stop "there is no C++ compiler; apt install g++, say"
+	    "$(PYTHON) is $$('$(PYTHON)' -V), not 3.10 to 3.13; set for example PYTHON=python3.12"
+	command -v "$${CXX:-c++}" >/dev/null || stop "no C++ compiler was found; install one, for example with apt install g++"
 
 	uv='$(UV)'
 	if [ "$$(cat $(READY) 2>/dev/null)" != '$(CURDIR)' ]; then
@@ -66,7 +68,7 @@ $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml 
 	    if [ -n "$$uv" ] && [ "$$uv" != no ]; then
 	        "$$uv" venv -q --python '$(PYTHON)' .venv
 	    else
-	        '$(PYTHON)' -m venv .venv || stop "no venv; apt install python3-venv, say"
+	        '$(PYTHON)' -m venv .venv || stop "venv is missing; apt install python3-venv"
 	    fi
 	else
 	    echo "Updating .venv ..."
@@ -81,18 +83,18 @@ $(READY): Makefile setup.py setup.cfg pyproject.toml CMakeLists.txt package.xml 
 	    install=($(BIN)/python -m pip install -q --disable-pip-version-check)
 	fi
 
-	# The build requirements stay in .venv, for colcon: hence no build isolation. numba comes
-	# with them, since it bounds the version of numpy.
+	# The build requirements stay in .venv for colcon, hence no build isolation. numba is installed
+	# with them because it bounds the version of numpy.
 	sed -n '/^requires = \[/,/^\]/s/^ *"\([^"]*\)",.*/\1/p' pyproject.toml > .venv/build.txt
 	"$${install[@]}" -r .venv/build.txt numba
-	"$${install[@]}" --no-build-isolation -e '.[test]'
+	"$${install[@]}" --no-build-isolation -e '.[test,docs]'
 	echo '$(CURDIR)' > $(READY)
 
 demo: setup
 	@$(BIN)/ellipseg demo $(if $(DATA),--data '$(DATA)') -o demo
 
-# numba's cache doesn't notice an edit in another file, hence a new one; then the tests marked
-# nojit run as plain Python, where an index out of bounds is an error.
+# numba's cache misses edits in other files, hence a fresh cache. The tests marked nojit then run a
+# second time as plain Python, where an index out of bounds is an error.
 test: setup lint
 	@cache=$$(mktemp -d)
 	trap 'rm -rf "$$cache"' EXIT
@@ -113,18 +115,36 @@ paper: setup
 soak: setup
 	@$(BIN)/python -m studies.endurance $(or $(ARGS),-o docs/results)
 
+# The same two runs under coverage.py; pyproject.toml says what is measured. Kernels count in the
+# run without the JIT.
+coverage: setup
+	@cache=$$(mktemp -d)
+	trap 'rm -rf "$$cache"' EXIT
+	rm -f .coverage .coverage.*
+	cov=(--cov --cov-append --cov-report=)
+	NUMBA_CACHE_DIR="$$cache" $(BIN)/python -m pytest -n 2 --dist loadscope "$${cov[@]}"
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadscope "$${cov[@]}" -m nojit
+	$(BIN)/coverage report --skip-covered --sort=cover
+
 lint: setup
 	@bad=
 	$(BIN)/ruff check -q || bad=1
-	$(BIN)/ruff format -q --check || { echo "make format mends that"; bad=1; } >&2
+	$(BIN)/ruff format -q --check || { echo "run make format"; bad=1; } >&2
 	$(BIN)/mypy --no-error-summary || bad=1
+	$(BIN)/codespell || bad=1
 	[ -z "$$bad" ]
 
 format: setup
 	@$(BIN)/ruff check -q --fix --select I
 	$(BIN)/ruff format -q
 
+# The reference pages are written from the sources and committed; -W makes broken links errors.
+docs: setup
+	@$(BIN)/python docs/_tools/reference.py
+	$(BIN)/sphinx-build -q -W --keep-going -b html docs build/docs
+	echo "wrote build/docs/index.html"
+
 clean:
-	@rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache build demo dist *.egg-info
+	@rm -rf .venv .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage* build demo dist *.egg-info
 	rm -rf ellipseg_ros/msg ellipseg_ros/*.so
-	find ellipseg_ros test -name __pycache__ -prune -exec rm -rf {} +
+	find ellipseg_ros studies test docs -name __pycache__ -prune -exec rm -rf {} +
