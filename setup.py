@@ -195,6 +195,7 @@ setup(
             "colcon-common-extensions",
             "coverage",
             "hypothesis",
+            "markdown-it-py",
             "mypy==2.4.1",
             "pytest",
             "pytest-cov",

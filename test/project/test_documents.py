@@ -87,9 +87,15 @@ def test_diagnostics_table_lists_the_messages_of_the_node() -> None:
     texts = diagnostic_texts(ROOT / "ellipseg_ros" / "node" / "health.py")
     assert len(texts) >= 12
     for text in texts:
-        assert any(phrase in text for phrase in documented), f"not documented: {text}"
+        assert any(matches(text, phrase) for phrase in documented), f"not documented: {text}"
     for phrase in documented:
-        assert any(phrase in text for text in texts), f"the node never reports {phrase}"
+        assert any(matches(text, phrase) for text in texts), f"the node never reports {phrase}"
+
+
+def matches(text: str, phrase: str) -> bool:
+    """Whether a phrase is part of a text of the node, in which {} stands for any word."""
+    words = [part.strip() for part in text.split("{}") if part.strip()]
+    return phrase in text or all(word in phrase for word in words)
 
 
 def diagnostic_texts(path: Path) -> list[str]:
@@ -156,7 +162,7 @@ def test_studies_in_the_pages_exist() -> None:
 
 
 def test_make_targets_in_the_pages_exist() -> None:
-    used = {line[1] for line in shell_lines("make")}
+    used = {line[1] for line in shell_lines("make")} - {"help"}
     assert used >= {"demo", "test", "docs", "coverage"}
     result = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
     offered = {line.split()[1] for line in result.stdout.splitlines() if line.startswith("make ")}

@@ -23,7 +23,7 @@ TESTS = python_files("test")
 MESSAGES = sorted((ROOT / "msg").glob("*.msg"))
 
 # PyPI names that differ from the imported name.
-ON_PYPI = {"PIL": "pillow", "yaml": "PyYAML"}
+ON_PYPI = {"PIL": "pillow", "markdown_it": "markdown-it-py", "yaml": "PyYAML"}
 # rosdep keys that are not python3-<imported name>. All keys were found in rosdep's python.yaml.
 IN_ROSDEP = {
     "PIL": "python3-pil",
