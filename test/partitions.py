@@ -1,4 +1,4 @@
-"""Methods for the tests of comparisons. Few imports, as their processes make them all anew."""
+"""Partition methods for tests. Few imports, since every subprocess repeats them."""
 
 import os
 from dataclasses import replace
@@ -7,11 +7,11 @@ from threading import Event
 
 import numpy as np
 
-from studies.partition.methods import Dial, Method
+from studies.partition.methods import CountParameter, Method
 
 
 def strips(points, settings):
-    """Segments across x: as wide as `width`, or as many as `segments`."""
+    """Segments across x: `width` m wide, or `segments` in number."""
     x = points[:, 0] - points[:, 0].min()
     many = settings.get("segments", 10**6)
     width = settings.get("width") or np.ptp(x) / many
@@ -34,10 +34,10 @@ def prepare_mistake(points):
     raise ValueError("two\nlines")
 
 
-STRIPS = Method("strips", prepare_strips, ({"width": 3.0},), Dial("width", 0.01, 100.0))
+STRIPS = Method("strips", prepare_strips, ({"width": 3.0},), CountParameter("width", 0.01, 100.0))
 COUNTED = Method("counted", prepare_strips, ({"segments": 4},), None)
 OURS = replace(COUNTED, name="objects")
 THEIRS = replace(STRIPS, name="cut-pursuit")
 ABSENT = replace(
-    STRIPS, name="nobody", package="numpy no-such-package", module="numpy no_such_module"
+    STRIPS, name="absent", package="numpy no-such-package", module="numpy no_such_module"
 )

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from ellipseg_ros.cli.report import say, show_page, steps
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.doctor.packages import load
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.atomic_files import write_text
 from ellipseg_ros.simulation.simulator import SCENES
@@ -15,7 +14,6 @@ from studies.landmarks.page import blocks, page
 from studies.landmarks.picture import draw
 from studies.landmarks.recording import study_recording
 from studies.landmarks.study import Plan, Results, gathered, study
-from studies.partition.scan import SEARCH
 from studies.report.machine import describe
 
 NAMES = ("association.md", "association.json", "association.png")
@@ -23,8 +21,6 @@ NAMES = ("association.md", "association.json", "association.png")
 
 def association(args: Namespace) -> int:
     """Measure, and print or write what was found; returns 0, however good it was."""
-    if why := load("scipy", SEARCH)[1]:
-        raise EllipsegError(f"evaluate needs scipy, which is {why}")
     plan = _plan(args)
     machine = describe()
     known = [run for path in args.add_to or [] for run in earlier(Path(path))]

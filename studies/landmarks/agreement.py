@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ellipseg_ros.records import Array, Kind, Landmarks
-from studies.partition.scan import tree
 
 PLANE_OFFSET, PLANE_ANGLE = 0.05, math.radians(1.5)  # m, rad
 LINE_OFFSET, LINE_ANGLE = 0.10, math.radians(3.0)
@@ -65,7 +65,7 @@ def _near(earlier: Landmarks, later: Landmarks) -> Pairs:
     ]
     wide = BLOB_OFFSET + reach[0] + np.quantile(reach[1], 0.95)
     small = np.flatnonzero(reach[1] <= np.quantile(reach[1], 0.95))
-    lists = tree(later.position[small]).query_ball_point(earlier.position, wide)
+    lists = cKDTree(later.position[small]).query_ball_point(earlier.position, wide)
     found = [small[np.array(rows, np.int64)] for rows in lists]
     large = np.setdiff1d(np.arange(len(later)), small)
     rows = [np.sort(np.concatenate([one, large])) for one in found]

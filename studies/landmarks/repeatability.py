@@ -3,13 +3,13 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ellipseg_ros.association.landmark_map import take
 from ellipseg_ros.landmarks.motions import motions, normalised
 from ellipseg_ros.records import Array, Kind, Landmarks
 from studies.landmarks.agreement import Pairs, agreeing, matrix, moved
 from studies.landmarks.passes import TwoPasses
-from studies.partition.scan import tree
 
 CLOSE = 0.3  # m between points of the two passes that saw the same
 SHARE = 0.5  # of a landmark's points that the other pass must have seen
@@ -63,10 +63,10 @@ def seen(landmarks: Landmarks, points: Array, others: Array) -> Array:
     owner, count = landmarks.point_labels[rows], len(landmarks)
     if not len(rows):
         return np.zeros(count, bool)
-    near = np.isfinite(tree(others).query(points[rows], distance_upper_bound=CLOSE)[0])
+    near = np.isfinite(cKDTree(others).query(points[rows], distance_upper_bound=CLOSE)[0])
     of_all = np.bincount(owner, minlength=count)
     share = np.bincount(owner, near, count) / np.maximum(1, of_all)
-    distance, which = tree(points[rows]).query(others, distance_upper_bound=CLOSE)
+    distance, which = cKDTree(points[rows]).query(others, distance_upper_bound=CLOSE)
     there = np.bincount(owner[which[np.isfinite(distance)]], minlength=count)
     return np.asarray((share >= SHARE) & (there >= np.minimum(of_all, LEAST)))
 

@@ -1,1 +1,1 @@
-"""`ellipseg evaluate`: partitions of this package and of others, against truth."""
+"""Partition quality: segments and objects against labelled clouds, beside other methods."""

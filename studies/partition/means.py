@@ -1,13 +1,12 @@
-"""Means over clouds, of methods that can be compared."""
+"""Means of scores over the clouds on which methods are comparable."""
 
 from typing import Any
 
-from studies.partition.cells import OWN, Cell
+from studies.partition.evaluation import DEFAULT, Evaluation
 
 Results = dict[str, Any]
 
-OFTEN = 0.75  # share of the clouds on which a method must come to a count to have a mean
-
+MIN_SHARE = 0.75  # of the clouds on which a method must reach a count to have a mean
 MEASURES = (
     "purity",
     "mean_iou",
@@ -26,66 +25,67 @@ MEASURES = (
 )
 
 
-def cell_at(scan: Results, method: str, wanted: int | str) -> Cell | None:
-    """What a method reached on a cloud at a wanted count, if it did."""
-    for cell in scan["cells"]:
-        if cell["method"] == method and cell["wanted"] == wanted and cell["reached"]:
-            return dict(cell)
+def evaluation_at(scan: Results, method: str, target: int | str) -> Evaluation | None:
+    """The evaluation of a method on a cloud at a target count; None if it was not reached."""
+    for one in scan["evaluations"]:
+        if one["method"] == method and one["target"] == target and one["reached"]:
+            return dict(one)
     return None
 
 
 def pairs(
-    scans: list[Results], ours: str, theirs: str, wanted: int | str
-) -> dict[str, tuple[Cell, Cell]]:
-    """By cloud: two methods, at the number to which the second one came."""
+    scans: list[Results], ours: str, theirs: str, target: int | str
+) -> dict[str, tuple[Evaluation, Evaluation]]:
+    """By cloud: evaluations of two methods at the count that the second one reached."""
     found = {}
     for scan in scans:
-        mark = cell_at(scan, theirs, wanted)
-        beside = cell_at(scan, ours, mark["count"]) if mark else None
-        if mark and beside:
-            found[scan["name"]] = (beside, mark)
+        reference = evaluation_at(scan, theirs, target)
+        other = evaluation_at(scan, ours, reference["count"]) if reference else None
+        if reference and other:
+            found[scan["name"]] = (other, reference)
     return found
 
 
-def means(scans: list[Results], methods: list[str], wanted: int | str) -> list[Cell]:
-    """The mean of every measure, a row a method, all over the same clouds; `scans`: how many.
+def means(scans: list[Results], methods: list[str], target: int | str) -> list[Evaluation]:
+    """The means of all measures, a row per method; `scans`: number of clouds.
 
-    A method that came to the wanted count on less than three quarters of the clouds has no row;
-    the clouds are those on which all the others came to it.
+    A method that reached the target on less than three quarters of the clouds has no row. All
+    rows are over the same clouds: those on which every method with a row reached it.
     """
-    found = {
-        name: {scan["name"]: cell_at(scan, name, wanted) for scan in scans} for name in methods
+    by_cloud = {
+        name: {scan["name"]: evaluation_at(scan, name, target) for scan in scans}
+        for name in methods
     }
-    often = [
+    shown = [
         name
-        for name, cells in found.items()
-        if sum(cell is not None for cell in cells.values()) >= OFTEN * len(scans)
+        for name, evaluations in by_cloud.items()
+        if sum(one is not None for one in evaluations.values()) >= MIN_SHARE * len(scans)
     ]
-    common = [scan["name"] for scan in scans if all(found[name][scan["name"]] for name in often)]
-    rows = [mean_of([found[name][scan] for scan in common]) for name in often]
+    common = [s["name"] for s in scans if all(by_cloud[name][s["name"]] for name in shown)]
     return [
-        {"method": name, "wanted": wanted, "scans": len(common)} | row
-        for name, row in zip(often, rows, strict=True)
+        {"method": name, "target": target, "scans": len(common)}
+        | _mean([by_cloud[name][scan] for scan in common])
+        for name in shown
         if common
     ]
 
 
-def mean_of(cells: list[Cell | None]) -> Cell:
-    """The mean of every measure over the cells that have it; None where none has."""
-    row: Cell = {}
+def _mean(evaluations: list[Evaluation | None]) -> Evaluation:
+    """The mean of every measure over the evaluations that have it; None if no one has."""
+    row: Evaluation = {}
     for name in MEASURES:
-        values = [cell[name] for cell in cells if cell and cell.get(name) is not None]
+        values = [one[name] for one in evaluations if one and one.get(name) is not None]
         row[name] = sum(values) / len(values) if values else None
     return row
 
 
-def columns(results: Results) -> list[int | str]:
-    """All that is shown: every method's own count, then the wanted ones."""
-    return [OWN, *results["counts"]]
+def targets(results: Results) -> list[int | str]:
+    """All targets of a study: each method's default count, then the given counts."""
+    return [DEFAULT, *results["counts"]]
 
 
-def kinds(results: Results) -> list[tuple[str, list[Results]]]:
-    """Labelled scans and simulated scenes, each with its heading, if there are any."""
-    pairs = (("Labelled scans", False), ("Simulated scenes", True))
-    split = [(name, [s for s in results["scans"] if s["simulated"] is sim]) for name, sim in pairs]
+def groups(results: Results) -> list[tuple[str, list[Results]]]:
+    """Labelled scans and simulated scenes with their headings, if there are any."""
+    kinds = (("Labelled scans", False), ("Simulated scenes", True))
+    split = [(name, [s for s in results["scans"] if s["simulated"] is sim]) for name, sim in kinds]
     return [(name, scans) for name, scans in split if scans]

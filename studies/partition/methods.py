@@ -1,7 +1,7 @@
-"""What a method is, and those of this package."""
+"""Partition methods: what defines one, and those of this package."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TypeAlias
 
@@ -18,54 +18,56 @@ from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.records import Array, Segmentation, Sweep
 
 Settings: TypeAlias = dict[str, float | str]  # JSON-ready
-Run: TypeAlias = Callable[[Settings], Array]  # -> (n,) labels, negative: none
+Run: TypeAlias = Callable[[Settings], Array]  # -> (n,) labels, negative: no segment
 
 
 @dataclass(frozen=True)
-class Dial:
-    """The setting by which a method comes to a wanted number of segments: more makes fewer."""
+class CountParameter:
+    """The setting by which a method is brought to a number of segments: more gives fewer."""
 
     name: str
     low: float
     high: float
-    whole: bool = False  # whole numbers only
+    integer: bool = False
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to cut a cloud into segments."""
+    """A way to partition a cloud into segments."""
 
     name: str
-    prepare: Callable[[Array], Run]  # points (n, 3) m; what is prepared serves many runs
-    grid: tuple[Settings, ...]  # its own settings; of several, the best is shown
-    dial: Dial | None  # None: `segments` is a setting, and is met
-    package: str = ""  # on PyPI; of others
+    prepare: Callable[[Array], Run]  # (n, 3) points, m; what it prepares is used by many runs
+    grid: tuple[Settings, ...]  # settings, of which the best result counts; the first: defaults
+    parameter: CountParameter | None  # None: the number of segments is a setting itself
+    package: str = ""  # of another library, on PyPI
     module: str = ""
 
 
-ALONE = ObjectsConfig(enabled=False)  # ellipsoids without a second level
-FINE = 2.0  # threshold of smaller ellipsoids for more objects
-NONE = LandmarksConfig(enabled=False)
-SEGMENTS = "segments"  # setting of a method without a dial
-DIALS = {
-    "shape": Dial("threshold", 0.01, 1e6),
-    "density": Dial("threshold", 1e-5, 1e4),
-    "parsimony": Dial("threshold", 0.01, 1e7),
+SEGMENTS_ONLY = Config(
+    objects=ObjectsConfig(enabled=False), landmarks=LandmarksConfig(enabled=False)
+)
+FINE_THRESHOLD = 2.0  # of smaller ellipsoids, for more objects
+SEGMENTS = "segments"  # the setting of a method without a count parameter
+THRESHOLDS = {
+    "shape": CountParameter("threshold", 0.01, 1e6),
+    "density": CountParameter("threshold", 1e-5, 1e4),
+    "parsimony": CountParameter("threshold", 0.01, 1e7),
 }
 
 
 def prepare_ellipsoids(criterion: str, points: Array) -> Run:
-    """Graph and initial ellipsoids once, then a merge for every threshold, equal to a batch."""
-    from ellipseg_ros.segmenter import Segmenter  # numba, which a process of a peer does not need
+    """Build graph and initial ellipsoids once; each run then merges at one threshold."""
+    # numba, which the subprocess of another library does not need
+    from ellipseg_ros.segmenter import Segmenter
 
-    segmenter = Segmenter(Config(objects=ALONE, landmarks=NONE))
-    waiting = [points]
+    segmenter = Segmenter(SEGMENTS_ONLY)
+    unprocessed = [points]
 
     def run(settings: Settings) -> Array:
-        config = Config(criterion, float(settings["threshold"]), objects=ALONE, landmarks=NONE)
-        segmenter.configure(config)
-        new = waiting.pop() if waiting else points[:0]
-        return segmenter.process(Sweep(stamp_ns=0, points=new)).labels
+        threshold = float(settings["threshold"])
+        segmenter.configure(replace(SEGMENTS_ONLY, criterion=criterion, threshold=threshold))
+        arrived = unprocessed.pop() if unprocessed else points[:0]
+        return segmenter.process(Sweep(stamp_ns=0, points=arrived)).labels
 
     return run
 
@@ -76,20 +78,20 @@ def ellipsoids(criterion: str) -> Method:
         name=f"ellipsoids, {criterion}",
         prepare=partial(prepare_ellipsoids, criterion),
         grid=({"threshold": DEFAULT_THRESHOLDS[criterion]},),
-        dial=DIALS[criterion],
+        parameter=THRESHOLDS[criterion],
     )
 
 
 def prepare_objects(points: Array) -> Run:
-    """Objects of segments of the criterion shape; one hierarchy gives every number of them."""
+    """Objects of segments of the criterion shape; one hierarchy gives every number of objects."""
     from ellipseg_ros.segmenter import segment  # numba, as above
 
     @cache
-    def found(threshold: float) -> Segmentation:
+    def segmentation(threshold: float) -> Segmentation:
         return segment(points, Config(threshold=threshold))
 
     def run(settings: Settings) -> Array:
-        segments = found(float(settings["threshold"]))
+        segments = segmentation(float(settings["threshold"]))
         objects = segments.objects
         if objects is None:
             raise EllipsegError("the default settings give no objects; enable them")
@@ -105,7 +107,7 @@ def prepare_objects(points: Array) -> Run:
 OBJECTS = Method(
     name="objects",
     prepare=prepare_objects,
-    grid=({"threshold": DEFAULT_THRESHOLDS["shape"]}, {"threshold": FINE}),
-    dial=None,
+    grid=({"threshold": DEFAULT_THRESHOLDS["shape"]}, {"threshold": FINE_THRESHOLD}),
+    parameter=None,
 )
 OURS = (*map(ellipsoids, CRITERIA), OBJECTS)

@@ -1,73 +1,76 @@
-"""Finds the setting that gives a wanted number of segments."""
+"""Search for the value of a parameter that gives a target number of segments."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from studies.partition.methods import Dial
+from studies.partition.methods import CountParameter
 
 CLOSE = 0.04  # relative difference of counts that ends a search
-FAR = 0.1  # beyond which the wanted count is not reached
-TRIES = 8  # runs for one count
-STRIDE = 4.0  # factor of the setting until the wanted count lies between two
-EDGE = 0.15  # share of the way between two settings that a step goes at least
+TOLERANCE = 0.1  # relative difference beyond which the target is not reached
+MAX_RUNS = 8  # per target
+STRIDE = 4.0  # factor of the value until the target is bracketed
+MARGIN = 0.15  # smallest step from either end of a bracket, as a share of it
 
 
 @dataclass
 class Search:
-    """What is known of the counts that a dial gives; counts fall as the value rises, mostly."""
+    """Counts of segments at the values tried so far; counts mostly fall as the value rises."""
 
-    dial: Dial
+    parameter: CountParameter
     count: Callable[[float], int]  # runs the method
     known: dict[float, int] = field(default_factory=dict)
 
-    def begin(self, value: float) -> int:
-        """The count at a value; remembered."""
-        value = float(round(value)) if self.dial.whole else value
+    def evaluate(self, value: float) -> int:
+        """Return the count at a value; each value is run once."""
+        value = self._rounded(value)
         if value not in self.known:
             self.known[value] = self.count(value)
         return self.known[value]
 
-    def seek(self, wanted: int) -> float:
-        """The value whose count comes nearest to `wanted`, in 8 runs at most."""
-        for _ in range(TRIES):
-            value = self._next(wanted)
+    def seek(self, target: int) -> float:
+        """Return the value whose count is nearest to `target`, after at most MAX_RUNS runs."""
+        for _ in range(MAX_RUNS):
+            value = self._next(target)
             if value is None:
                 break
-            self.begin(value)
-        return min(self.known, key=lambda value: (self._miss(value, wanted), value))
+            self.evaluate(value)
+        return min(self.known, key=lambda value: (self._miss(value, target), value))
 
-    def _part(self, low: float, high: float, wanted: int) -> float:
-        """How far from low to high to go, if the logarithm of the count falls evenly."""
-        fall = math.log(self.known[low] / max(self.known[high], 0.5))
-        part = math.log(self.known[low] / wanted) / fall
-        return min(max(part, EDGE), 1.0 - EDGE)
-
-    def _miss(self, value: float, wanted: int) -> float:
-        return abs(math.log(max(self.known[value], 0.5) / wanted))
-
-    def _next(self, wanted: int) -> float | None:
-        """The value to try next; None if there is nothing to gain."""
+    def _next(self, target: int) -> float | None:
+        """The value to try next; None if the target is met or cannot be approached further."""
         values = sorted(self.known)
-        if min(self._miss(value, wanted) for value in values) <= CLOSE:
+        if min(self._miss(value, target) for value in values) <= CLOSE:
             return None
-        between = [
+        brackets = [
             (low, high)
             for low, high in pairwise(values)
-            if self.known[low] > wanted > self.known[high]
+            if self.known[low] > target > self.known[high]
         ]
-        if between:
-            low, high = between[-1]
-            value = low * (high / low) ** self._part(low, high, wanted)
-        elif self.known[values[-1]] > wanted:
-            value = min(values[-1] * STRIDE, self.dial.high)
+        if brackets:
+            low, high = brackets[-1]
+            value = low * (high / low) ** self._part(low, high, target)
+        elif self.known[values[-1]] > target:
+            value = min(values[-1] * STRIDE, self.parameter.high)
         else:
-            value = max(values[0] / STRIDE, self.dial.low)
-        value = float(round(value)) if self.dial.whole else value
+            value = max(values[0] / STRIDE, self.parameter.low)
+        value = self._rounded(value)
         return None if value in self.known else value
 
+    def _part(self, low: float, high: float, target: int) -> float:
+        """Position of the target in a bracket if log count is linear in log value, 0 to 1."""
+        fall = math.log(self.known[low] / max(self.known[high], 0.5))
+        part = math.log(self.known[low] / target) / fall
+        return min(max(part, MARGIN), 1.0 - MARGIN)
 
-def reached(count: int, wanted: int) -> bool:
-    """Whether a count is as good as the wanted one."""
-    return abs(count - wanted) <= FAR * wanted
+    def _miss(self, value: float, target: int) -> float:
+        return abs(math.log(max(self.known[value], 0.5) / target))
+
+    def _rounded(self, value: float) -> float:
+        return float(round(value)) if self.parameter.integer else value
+
+
+def reached(count: int, target: int) -> bool:
+    """Whether a count is near enough to the target."""
+    return abs(count - target) <= TOLERANCE * target

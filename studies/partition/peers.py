@@ -1,4 +1,4 @@
-"""Methods of others, with parameters that suit them: what is in use, from PyPI."""
+"""Partition methods of other libraries on PyPI, with suitable parameters."""
 
 from functools import cache
 from importlib import import_module
@@ -7,12 +7,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ellipseg_ros.records import Array
-from studies.partition.methods import Dial, Method, Run, Settings
-from studies.partition.scan import NONE
+from studies.partition.methods import CountParameter, Method, Run, Settings
 
-GRAPH = 10  # nearest neighbours that cut-pursuit's graph joins
-OUTDOORS = 0.8  # regularisation that its authors use for outdoor scans (Semantic3D)
-LEAST = 12  # points of a cluster
+GRAPH_NEIGHBOURS = 10  # of cut-pursuit
+OUTDOOR_STRENGTH = 0.8  # regularisation of its authors for outdoor scans (Semantic3D)
+MIN_POINTS = 12  # of a cluster
 
 
 def prepare_cut_pursuit(points: Array) -> Run:
@@ -23,8 +22,8 @@ def prepare_cut_pursuit(points: Array) -> Run:
     superpoint graphs: linearity, planarity, scattering and twice the verticality of the nearest
     neighbours; the 10-nearest-neighbour graph, weighted 1 / (1 + length / mean length).
 
-    The package ignores its regularisation strength where weights are given (seen in 1.0.12), so
-    the strength is a factor of the weights, which is what it means.
+    The package ignores its regularisation strength if weights are given (seen in 1.0.12), so the
+    strength is a factor of the weights, which has the same meaning.
     """
     cut_pursuit = import_module("cut_pursuit_py").perform_cut_pursuit
     pgeof = import_module("pgeof")
@@ -42,7 +41,7 @@ def prepare_cut_pursuit(points: Array) -> Run:
 
     def run(settings: Settings) -> Array:
         others, lengths, found = features(int(settings["neighbours"]))
-        ends, length = others[:, :GRAPH], lengths[:, :GRAPH].reshape(-1)
+        ends, length = others[:, :GRAPH_NEIGHBOURS], lengths[:, :GRAPH_NEIGHBOURS].reshape(-1)
         starts = np.repeat(np.arange(len(ends), dtype=np.uint32), ends.shape[1])
         weights = float(settings["strength"]) / (1.0 + length / max(float(length.mean()), 1e-9))
         labels = cut_pursuit(
@@ -60,7 +59,7 @@ def prepare_cut_pursuit(points: Array) -> Run:
 
 
 def prepare_dbscan(points: Array) -> Run:
-    """Ester et al. (1996): clusters are what dense points reach."""
+    """Density-based clusters, Ester et al. (1996), A density-based algorithm."""
     open3d = import_module("open3d")
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
@@ -75,8 +74,7 @@ def prepare_dbscan(points: Array) -> Run:
 def prepare_patches(points: Array) -> Run:
     """Araújo and Oliveira (2020), A robust statistics approach for plane detection.
 
-    A point belongs to the patch in whose box it lies, of several to the one whose plane is
-    nearest.
+    A point belongs to the patch whose box contains it; of several, to that of the nearest plane.
     """
     open3d = import_module("open3d")
 
@@ -92,7 +90,7 @@ def prepare_patches(points: Array) -> Run:
             min_num_points=int(settings["points"]),
             search_param=search,
         )
-        labels = np.full(len(points), NONE)
+        labels = np.full(len(points), -1)
         nearest = np.full(len(points), np.inf)
         for number, box in enumerate(boxes):
             inside = np.asarray(box.get_point_indices_within_bounding_box(corners), np.int64)
@@ -106,17 +104,17 @@ def prepare_patches(points: Array) -> Run:
 
 
 def prepare_hdbscan(points: Array) -> Run:
-    """Campello et al. (2013): DBSCAN's hierarchy over all radii, cut where clusters are stable."""
+    """Hierarchy of DBSCAN over all radii, cut for stable clusters, Campello et al. (2013)."""
     hdbscan = import_module("hdbscan")
 
-    folder = TemporaryDirectory()  # of what does not depend on the size of a cluster
+    folder = TemporaryDirectory()  # cache of the steps before min_cluster_size matters
 
     def run(settings: Settings) -> Array:
         clusters = hdbscan.HDBSCAN(
             min_cluster_size=int(settings["points"]),
             min_samples=5,
             cluster_selection_method=str(settings["selection"]),
-            core_dist_n_jobs=1,  # its worker processes would escape the time limit
+            core_dist_n_jobs=1,  # its worker processes would outlive the time limit
             memory=folder.name,
         )
         return np.asarray(clusters.fit(points).labels_, dtype=np.int64)
@@ -125,15 +123,15 @@ def prepare_hdbscan(points: Array) -> Run:
 
 
 def _grid(settings: Settings, name: str, values: tuple[float | str, ...]) -> tuple[Settings, ...]:
-    """The same settings with each of the values in turn."""
+    """The settings with each of the values."""
     return tuple(settings | {name: value} for value in values)
 
 
 CUT_PURSUIT = Method(
     "cut-pursuit",
     prepare_cut_pursuit,
-    _grid({"strength": OUTDOORS}, "neighbours", (20, 45)),
-    Dial("strength", 0.001, 1000.0),
+    _grid({"strength": OUTDOOR_STRENGTH}, "neighbours", (20, 45)),
+    CountParameter("strength", 0.001, 1000.0),
     "cut-pursuit-py pgeof",
     "cut_pursuit_py pgeof",
 )
@@ -143,23 +141,23 @@ PEERS = (
         "Open3D DBSCAN",
         prepare_dbscan,
         _grid({"radius": 0.3}, "points", (3, 6, 12)),
-        Dial("radius", 0.03, 1.0),  # beyond, its list of neighbours fills the memory
+        CountParameter("radius", 0.03, 1.0),  # above, its list of neighbours fills the memory
         "open3d-cpu",
         "open3d",
     ),
     Method(
         "Open3D planar patches",
         prepare_patches,
-        _grid({"coplanarity": 75.0, "points": LEAST}, "angle", (30.0, 60.0, 75.0)),
-        Dial("points", 4, 10_000, whole=True),
+        _grid({"coplanarity": 75.0, "points": MIN_POINTS}, "angle", (30.0, 60.0, 75.0)),
+        CountParameter("points", 4, 10_000, integer=True),
         "open3d-cpu",
         "open3d",
     ),
     Method(
         "HDBSCAN",
         prepare_hdbscan,
-        _grid({"points": LEAST}, "selection", ("eom", "leaf")),
-        Dial("points", 2, 10_000, whole=True),
+        _grid({"points": MIN_POINTS}, "selection", ("eom", "leaf")),
+        CountParameter("points", 2, 10_000, integer=True),
         "hdbscan",
         "hdbscan",
     ),

@@ -1,4 +1,4 @@
-"""Runs a method in a process of its own: for its memory, its crashes, and a time limit."""
+"""Runs a method in a subprocess, to measure its memory, survive its crash and limit its time."""
 
 import multiprocessing
 import time
@@ -8,80 +8,78 @@ from multiprocessing.connection import Connection
 from typing import TypeAlias
 
 from ellipseg_ros.doctor.packages import load
-from studies.partition.cells import Cell
+from studies.partition.evaluation import Evaluation
 from studies.partition.methods import Method
 
-Work: TypeAlias = Callable[[], Iterator[Cell]]  # can be pickled
+Work: TypeAlias = Callable[[], Iterator[Evaluation]]  # can be pickled
+ENDED = "ended"
 
 
 @dataclass
 class Outcome:
-    """What came of a method; a problem may come after some cells."""
+    """Evaluations of a method, and why there are no more of them."""
 
-    cells: list[Cell] = field(default_factory=list)
-    missing: str = ""  # why the method is not there
+    evaluations: list[Evaluation] = field(default_factory=list)
+    missing: str = ""  # why the method cannot be run
     problem: str = ""  # what stopped it
 
 
-def run_apart(work: Work, methods: tuple[Method, ...], limit: float) -> Outcome:
-    """The cells that `work` makes with `methods`, as many as come in `limit` s."""
+def run_in_subprocess(work: Work, methods: tuple[Method, ...], limit: float) -> Outcome:
+    """The evaluations that `work` yields within `limit` s; it needs the packages of `methods`."""
     outcome = Outcome()
-    context = multiprocessing.get_context("spawn")  # a fork would begin with our memory
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_serve, args=(theirs, work, methods), daemon=True)
+    context = multiprocessing.get_context("spawn")  # a fork would start with our memory
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_serve, args=(sender, work, methods), daemon=True)
     process.start()
-    theirs.close()
-    end = time.monotonic() + limit
+    sender.close()
     try:
-        _listen(ours, outcome, end, limit)
+        _receive(receiver, outcome, time.monotonic() + limit, limit)
     finally:
         if process.is_alive():
-            process.join(1.0)  # it has said its last word, or has run out of time
+            process.join(1.0)  # it has sent its last message or has exceeded the limit
         if process.is_alive():
             process.kill()
         process.join()
-        ours.close()
+        receiver.close()
     if outcome.problem == ENDED:
         outcome.problem = f"its process ended with {process.exitcode}"
     return outcome
 
 
-ENDED = "ended"
-
-
-def _listen(ours: Connection, outcome: Outcome, end: float, limit: float) -> None:
-    """Take what comes until the last word, the end of the process, or the end of the time."""
+def _receive(receiver: Connection, outcome: Outcome, end: float, limit: float) -> None:
+    """Collect messages until the last one, the end of the process or the time limit."""
     while True:
-        if not ours.poll(max(0.0, end - time.monotonic())):
+        if not receiver.poll(max(0.0, end - time.monotonic())):
             outcome.problem = f"stopped after {limit:g} s"
             return
         try:
-            kind, what = ours.recv()
+            kind, content = receiver.recv()
         except EOFError:
             outcome.problem = ENDED
             return
-        if kind == "cell":
-            outcome.cells.append(what)
-        elif kind == "missing":
-            outcome.missing = what
+        if kind == "evaluation":
+            outcome.evaluations.append(content)
+            continue
+        if kind == "missing":
+            outcome.missing = content
         elif kind == "problem":
-            outcome.problem = what
-        if kind != "cell":
-            return
+            outcome.problem = content
+        return
 
 
-def _serve(theirs: Connection, work: Work, methods: tuple[Method, ...]) -> None:
-    """In the other process: send (kind, what) until done."""
+def _serve(sender: Connection, work: Work, methods: tuple[Method, ...]) -> None:
+    """In the subprocess: send (kind, content) for every evaluation and at the end."""
     for method in methods:
         for package, module in zip(method.package.split(), method.module.split(), strict=True):
-            why = load(package, module)[1]
-            if why:
-                theirs.send(("missing", why))
+            reason = load(package, module)[1]
+            if reason:
+                sender.send(("missing", reason))
                 return
     try:
-        for cell in work():
-            theirs.send(("cell", cell))
-    except Exception as error:  # whatever a library of others raises is said, not lost
-        theirs.send(("problem", f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"))
+        for evaluation in work():
+            sender.send(("evaluation", evaluation))
+    except Exception as error:  # a library may raise anything; the report has its text
+        text = " ".join(str(error).split())[:200]
+        sender.send(("problem", f"{type(error).__name__}: {text}"))
         return
-    theirs.send(("done", None))
+    sender.send(("done", None))

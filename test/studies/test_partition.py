@@ -1,7 +1,6 @@
-"""Methods are compared at equal counts, apart from one another, and what is missing is named."""
+"""Methods are compared at equal counts, in subprocesses; what cannot run is named."""
 
 import json
-import re
 from dataclasses import replace
 from functools import partial
 
@@ -10,30 +9,32 @@ import partitions
 import pytest
 from matplotlib.image import imread
 from partitions import ABSENT, COUNTED, OURS, STRIPS, THEIRS
+from tables import check_tables
 
-from ellipseg_ros.cli.main import main
 from ellipseg_ros.config import Config
 from ellipseg_ros.doctor import packages
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.segmenter import segment
-from studies.partition import cells, study
-from studies.partition import subprocess_runner as apart
+from studies.partition import study
+from studies.partition.__main__ import main
+from studies.partition.chart import draw
+from studies.partition.evaluation import evaluate, measured, segment_count
 from studies.partition.means import means
-from studies.partition.methods import OBJECTS, Dial, ellipsoids, prepare_objects
+from studies.partition.methods import OBJECTS, CountParameter, ellipsoids, prepare_objects
 from studies.partition.page import page
 from studies.partition.parameter_search import Search, reached
 from studies.partition.peers import PEERS
-from studies.partition.picture import draw
-from studies.partition.promises import row, rows
-from studies.partition.reading import complete_instances
 from studies.partition.scan import Scan, completed, neighbour_edges
+from studies.partition.subprocess_runner import Outcome, run_in_subprocess
+from studies.partition.targets import judged
+from studies.partition.truth import complete_instances
 
 DRIVE = ["sim:industrial", "--duration", "0.5"]
 
 
 def scan(n=400, name="made"):
-    """Two classes side by side, of four things; some points of no known class."""
+    """Two classes side by side, of four instances; some points of unknown class."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0.0, [8.0, 2.0, 0.1], (n, 3))
     classes = np.where(points[:, 0] < 4.0, 1, 5)
@@ -61,7 +62,7 @@ def test_points_without_a_segment_join_the_nearest():
     assert completed(np.array([-1, -1]), points[:2]).tolist() == [0, 0]
 
 
-def test_instances_count_only_if_they_are_complete():
+def test_incomplete_instances_are_ignored():
     classes = np.array([0, 1, 2, 3])
     for instances, complete in (([0, 0, 1, 2], True), ([0, 0, 1, 0], False)):
         assert (complete_instances(np.array(instances), classes) is not None) is complete
@@ -71,24 +72,26 @@ def test_instances_count_only_if_they_are_complete():
 # --- the search for a count ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("wanted", [3, 100, 250, 2500])
+@pytest.mark.parametrize("target", [3, 100, 250, 2500])
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.5])
-def test_a_search_comes_to_the_count(wanted, power):
+def test_a_search_reaches_the_count(target, power):
     runs = []
 
     def count(value):
         runs.append(value)
         return max(2, round(300 / value**power))
 
-    search = Search(Dial("x", 1e-4, 1e4), count)
-    search.begin(1.0)
-    assert reached(search.known[search.seek(wanted)], wanted)
+    search = Search(CountParameter("x", 1e-4, 1e4), count)
+    search.evaluate(1.0)
+    assert reached(search.known[search.seek(target)], target)
     assert len(runs) == len(set(runs)) <= 9
 
 
-def test_a_search_ends_where_a_count_cannot_be():
-    search = Search(Dial("x", 1, 64, whole=True), lambda value: max(40, 100 - int(value)))
-    search.begin(8.0)
+def test_a_search_stops_at_the_nearest_possible_count():
+    search = Search(
+        CountParameter("x", 1, 64, integer=True), lambda value: max(40, 100 - int(value))
+    )
+    search.evaluate(8.0)
     assert search.known[search.seek(10)] == 40
     assert search.known[search.seek(1000)] == 99
     assert max(search.known) == 64 and min(search.known) == 1
@@ -97,29 +100,29 @@ def test_a_search_ends_where_a_count_cannot_be():
 # --- one method ------------------------------------------------------------------------------
 
 
-def test_cells_have_scores_and_costs():
-    own, many = cells.cells(STRIPS, scan(), ["own", 500])
-    assert own["count"] == 3 and own["settings"] == {"width": 3.0}
-    assert own["seconds"] >= 0.0 and own["memory_mb"] >= 0.0
+def test_evaluations_have_scores_and_costs():
+    default, many = evaluate(STRIPS, scan(), ["default", 500])
+    assert default["count"] == 3 and default["settings"] == {"width": 3.0}
+    assert default["seconds"] >= 0.0 and default["memory_mb"] >= 0.0
     assert many["reached"] is False and "purity" not in many
-    eight = list(cells.cells(COUNTED, scan(), [8]))[0]
+    eight = next(evaluate(COUNTED, scan(), [8]))
     assert eight["count"] == 8 and eight["mean_iou"] > 0.95
     assert eight["ari"] == pytest.approx(1.0, abs=0.15)
-    json.dumps([own, many, eight], allow_nan=False)
+    json.dumps([default, many, eight], allow_nan=False)
 
 
-def test_the_best_of_the_grid_is_shown():
+def test_the_best_settings_of_the_grid_count():
     grid = ({"width": 8.0}, {"width": 2.0}, {"width": 4.1})
-    found = next(cells.cells(replace(STRIPS, grid=grid), scan(), ["own"]))
-    assert found["settings"] == {"width": 2.0}
+    best = next(evaluate(replace(STRIPS, grid=grid), scan(), ["default"]))
+    assert best["settings"] == {"width": 2.0}
 
 
 def test_a_count_that_is_a_setting_is_met():
-    assert [c["count"] for c in cells.cells(COUNTED, scan(), ["own", 6, 37])] == [4, 6, 37]
+    assert [one["count"] for one in evaluate(COUNTED, scan(), ["default", 6, 37])] == [4, 6, 37]
 
 
 @pytest.mark.parametrize("criterion", ["shape", "density", "parsimony"])
-def test_a_threshold_that_is_turned_gives_what_a_batch_gives(criterion):
+def test_segments_at_a_threshold_equal_a_batch(criterion):
     points = scan(300).points
     run = ellipsoids(criterion).prepare(points)
     for threshold in (0.5, 8.0, 0.02):
@@ -127,38 +130,38 @@ def test_a_threshold_that_is_turned_gives_what_a_batch_gives(criterion):
         np.testing.assert_array_equal(run({"threshold": threshold}), expected)
 
 
-def test_objects_are_those_of_the_library():
+def test_objects_equal_those_of_the_library():
     points = scan(2000).points
     found = segment(points)
     run = prepare_objects(points)
     own = np.append(found.objects.segment_labels, -1)[np.maximum(found.labels, -1)]
     default, finer = OBJECTS.grid
     np.testing.assert_array_equal(run(default), own)
-    assert cells.segments(run(default | {"segments": 5})) == 5
-    assert cells.segments(run(default | {"segments": 10**6})) == len(found.ellipsoids)
-    assert cells.segments(run(finer | {"segments": 10**6})) > len(found.ellipsoids)
+    assert segment_count(run(default | {"segments": 5})) == 5
+    assert segment_count(run(default | {"segments": 10**6})) == len(found.ellipsoids)
+    assert segment_count(run(finer | {"segments": 10**6})) > len(found.ellipsoids)
 
 
 @pytest.mark.parametrize("method", PEERS, ids=lambda method: method.name)
-def test_a_peer_labels_every_point_and_its_dial_turns_the_right_way(method):
+def test_another_library_labels_every_point_and_its_parameter_lowers_the_count(method):
     for package, module in zip(method.package.split(), method.module.split(), strict=True):
-        why = packages.load(package, module)[1]
-        if why:
-            pytest.skip(f"{package}: {why}")
+        reason = packages.load(package, module)[1]
+        if reason:
+            pytest.skip(f"{package}: {reason}")
     points = scan(2000).points
     run = method.prepare(points)
     for settings in method.grid:
         labels = run(settings)
         assert labels.shape == (2000,) and labels.dtype.kind == "i"
         np.testing.assert_array_equal(labels, run(settings))
-    dial = method.dial
-    strong = run(method.grid[0] | {dial.name: min(dial.high, 100 * method.grid[0][dial.name])})
-    assert cells.segments(strong) <= cells.segments(run(method.grid[0]))
+    name, high = method.parameter.name, method.parameter.high
+    strong = run(method.grid[0] | {name: min(high, 100 * method.grid[0][name])})
+    assert segment_count(strong) <= segment_count(run(method.grid[0]))
 
 
 def test_memory_is_that_of_the_run():
     def use(megabytes):
-        return cells.measured(lambda: np.ones((megabytes, 1_000_000 // 8)).sum())["memory_mb"]
+        return measured(lambda: np.ones((megabytes, 1_000_000 // 8)).sum())["memory_mb"]
 
     first, second = use(200), use(50)
     assert 190.0 < first < 260.0
@@ -167,45 +170,47 @@ def test_memory_is_that_of_the_run():
     assert peak_mb() == pytest.approx(resident_mb(), rel=0.2)
 
 
-# --- apart -----------------------------------------------------------------------------------
+# --- subprocesses ----------------------------------------------------------------------------
 
 
-def test_a_process_of_its_own_gives_the_same():
-    outcome = apart.run_apart(partial(cells.cells, STRIPS, scan(), ["own", 8]), (STRIPS,), 60.0)
+def test_a_subprocess_gives_the_same_evaluations():
+    work = partial(evaluate, STRIPS, scan(), ["default", 8])
+    outcome = run_in_subprocess(work, (STRIPS,), 60.0)
     assert not outcome.problem and not outcome.missing
-    here = list(cells.cells(STRIPS, scan(), ["own", 8]))
-    for there, cell in zip(outcome.cells, here, strict=True):
+    for there, here in zip(outcome.evaluations, work(), strict=True):
         for name in ("count", "settings", "purity", "mean_iou", "iou", "ari", "quality"):
-            assert there[name] == cell[name]
+            assert there[name] == here[name]
 
 
 @pytest.mark.parametrize(
-    ("prepare", "limit", "words"),
+    ("prepare", "limit", "problem"),
     [
         (partitions.prepare_endless, 0.2, "stopped after 0.2 s"),
         (partitions.prepare_crash, 60.0, "its process ended with 7"),
         (partitions.prepare_mistake, 60.0, "ValueError: two lines"),
     ],
 )
-def test_what_stops_a_method_is_said(prepare, limit, words):
+def test_the_end_of_a_method_is_reported(prepare, limit, problem):
     method = replace(STRIPS, prepare=prepare)
-    outcome = apart.run_apart(partial(cells.cells, method, scan(), ["own"]), (method,), limit)
-    assert (outcome.cells, outcome.problem) == ([], words)
+    work = partial(evaluate, method, scan(), ["default"])
+    outcome = run_in_subprocess(work, (method,), limit)
+    assert (outcome.evaluations, outcome.problem) == ([], problem)
 
 
 def test_a_method_that_is_not_installed_is_named():
-    outcome = apart.run_apart(partial(cells.cells, ABSENT, scan(), ["own"]), (ABSENT,), 60.0)
+    work = partial(evaluate, ABSENT, scan(), ["default"])
+    outcome = run_in_subprocess(work, (ABSENT,), 60.0)
     assert outcome.missing == "not installed; pip install no-such-package"
 
 
-# --- all of them -----------------------------------------------------------------------------
+# --- the study -------------------------------------------------------------------------------
 
 
-def here(work, methods, limit):
-    """As run_apart, without another process."""
+def in_this_process(work, methods, limit):
+    """Replaces run_in_subprocess."""
     if any(method.package for method in methods):
-        return apart.Outcome(missing="not installed; pip install no-such-package")
-    return apart.Outcome(list(work()))
+        return Outcome(missing="not installed; pip install no-such-package")
+    return Outcome(list(work()))
 
 
 PLAN = study.Plan((4, 25), 60.0)
@@ -214,80 +219,72 @@ PLAN = study.Plan((4, 25), 60.0)
 @pytest.fixture(scope="module")
 def results():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "run_apart", here)
+        patch.setattr(study, "run_in_subprocess", in_this_process)
         patch.setattr(study, "METHODS", (THEIRS, ABSENT, OURS))
         return study.study([scan(), scan(name="again")], (THEIRS, ABSENT, OURS), PLAN)
 
 
-def test_another_cloud_of_the_same_name_is_refused(results):
+def test_a_different_cloud_of_the_same_name_is_refused(results):
     with pytest.raises(EllipsegError, match="made has 401 points, 400 in the earlier results"):
         study.study([scan(401)], (OURS,), study.Plan(PLAN.counts, 60.0, results))
 
 
 def test_a_study_has_all_clouds_and_methods(results):
     assert [row["name"] for row in results["scans"]] == ["made", "again"]
-    assert results["missing"] == {"nobody": "not installed; pip install no-such-package"}
-    counts = [c["count"] for c in results["scans"][0]["cells"] if c["method"] == "objects"]
-    assert counts == [4, 3, 4, 25]  # own, and those of cut-pursuit
+    assert results["missing"] == {"absent": "not installed; pip install no-such-package"}
+    evaluations = results["scans"][0]["evaluations"]
+    counts = [one["count"] for one in evaluations if one["method"] == "objects"]
+    assert counts == [4, 3, 4, 25]  # default, and those of cut-pursuit
     assert results == json.loads(json.dumps(results))
 
 
 def test_objects_are_judged_at_the_counts_of_cut_pursuit(results):
-    judged = rows(results)
-    assert len(judged) == 3
-    assert results["scans"][0]["races"][0]["ratio"]["runs"] == 3
-    assert judged[2]["value"] > 0.0
-    assert judged[0]["title"] == "scans of 2 with a higher mean IoU, at its own count"
-    assert judged[0]["value"] == 0  # strips are strips
-    assert judged[1]["value"] == pytest.approx(0.0, abs=0.1)
+    rows = judged(results)
+    assert rows == results["rows"] and len(rows) == 3
+    assert results["scans"][0]["timing"][0]["ratio"]["runs"] == 3
+    assert rows[2]["measured"] > 0.0
+    requirement = "clouds of 2 with a higher mean IoU, at its default count"
+    assert rows[0]["requirement"] == requirement
+    assert rows[0]["measured"] == 0  # both methods cut strips
+    assert rows[1]["measured"] == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("value", "must", "aim", "verdict"),
-    [(0.05, 0.03, 0.05, "aim"), (0.04, 0.03, 0.05, "must"), (0.02, 0.03, 0.05, "neither")]
-    + [(0.1, 0.2, 0.1, "aim"), (0.15, 0.2, 0.1, "must"), (0.3, 0.2, 0.1, "neither")],
-)
-def test_a_promise_is_kept_or_not(value, must, aim, verdict):
-    assert row("what", value, must, aim)["reached"] == verdict
-
-
-def test_means_are_over_clouds_that_all_came_to():
+def test_means_are_over_clouds_on_which_all_reached_the_count():
     def cloud(name, **counts):
         return {
             "name": name,
-            "cells": [
-                {"method": m, "wanted": 9, "count": c, "reached": c > 0, "purity": 0.1 * c}
+            "evaluations": [
+                {"method": m, "target": 9, "count": c, "reached": c > 0, "purity": 0.1 * c}
                 for m, c in counts.items()
             ],
         }
 
     clouds = [cloud("x", a=9, b=8), cloud("y", a=1, b=0, c=5), cloud("z", a=2, b=4, c=9)]
     clouds.append(cloud("w", a=1, b=3))
-    found = means(clouds, ["a", "b", "c"], 9)
-    assert [(row["method"], row["scans"], row["count"]) for row in found] == [
+    rows = means(clouds, ["a", "b", "c"], 9)
+    assert [(row["method"], row["scans"], row["count"]) for row in rows] == [
         ("a", 3, 4.0),
         ("b", 3, 5.0),
     ]
-    assert found[0]["purity"] == pytest.approx(0.4)
+    assert rows[0]["purity"] == pytest.approx(0.4)
 
 
-def test_what_is_not_measured_again_stays(results, monkeypatch):
-    monkeypatch.setattr(study, "run_apart", here)
+def test_earlier_results_are_kept(results, monkeypatch):
+    monkeypatch.setattr(study, "run_in_subprocess", in_this_process)
     monkeypatch.setattr(study, "METHODS", (THEIRS, ABSENT, OURS))
     again = study.study([scan()], (OURS,), study.Plan(PLAN.counts, 60.0, results))
     assert [row["name"] for row in again["scans"]] == ["made", "again"]
-    methods = [cell["method"] for cell in again["scans"][0]["cells"]]
-    assert methods == [cell["method"] for cell in results["scans"][0]["cells"]]
-    assert len(rows(again)) == 3
+    methods = [one["method"] for one in again["scans"][0]["evaluations"]]
+    assert methods == [one["method"] for one in results["scans"][0]["evaluations"]]
+    assert len(again["rows"]) == 3
     assert again["missing"] == results["missing"]
 
 
-def test_the_page_says_it_all(results, tmp_path):
-    text = page(results)
-    for block in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
-        assert len({line.count("|") for line in block.splitlines()}) == 1
-    assert "nobody (not installed; pip install no-such-package)" in text
-    assert "scans of 2 with a higher mean IoU" in text
+def test_the_page_has_requirements_and_missing_methods(results, tmp_path):
+    text = page(results).markdown()
+    assert check_tables(text) > 5
+    assert "absent (not installed; pip install no-such-package)" in text
+    assert "clouds of 2 with a higher mean IoU" in text
     draw(results, tmp_path / "a.png")
     assert imread(tmp_path / "a.png").shape == (1100, 1900, 4)
 
@@ -296,43 +293,43 @@ def test_the_page_says_it_all(results, tmp_path):
 
 
 @pytest.fixture
-def evaluate(capsys, monkeypatch):
-    """Run the command; gives exit code, stdout, stderr."""
-    monkeypatch.setattr(study, "run_apart", here)
+def run(capsys, monkeypatch):
+    """Run the command; returns exit code, stdout, stderr."""
+    monkeypatch.setattr(study, "run_in_subprocess", in_this_process)
     monkeypatch.setattr(study, "METHODS", (THEIRS, OURS, ABSENT))
 
-    def run(*words):
-        code = main(["evaluate", "partition", *map(str, words)])
+    def run_main(*words):
+        code = main([*map(str, words)])
         return (code, *capsys.readouterr())
 
-    return run
+    return run_main
 
 
-def test_the_command_prints_json(evaluate):
-    code, out, _ = evaluate(*DRIVE, "--counts", 20, "--json")
+def test_the_command_prints_json(run):
+    code, out, _ = run(*DRIVE, "--counts", 20, "--json")
     results = json.loads(out)
     assert code == 0
     assert results["scans"][0]["instances"] > 3
-    assert [cell["wanted"] for cell in results["scans"][0]["cells"]][:2] == ["own", 20]
+    assert [one["target"] for one in results["scans"][0]["evaluations"]][:2] == ["default", 20]
 
 
-def test_the_command_writes_and_adds(evaluate, tmp_path):
+def test_the_command_writes_and_adds(run, tmp_path):
     words = [*DRIVE, "--counts", 20, "-q", "-o", tmp_path]
-    assert evaluate(*words, "--methods", "cut")[0] == 0
-    assert evaluate(*words, "--methods", "obj", "--add-to", tmp_path / "quality.json")[0] == 0
-    text = (tmp_path / "quality.md").read_text(encoding="utf-8")
-    assert "| cut-pursuit" in text and "| objects" in text and "nobody" not in text
-    assert "](quality_industrial.png)" in text
+    assert run(*words, "--methods", "cut")[0] == 0
+    assert run(*words, "--methods", "obj", "--add-to", tmp_path / "partition.json")[0] == 0
+    text = (tmp_path / "partition.md").read_text(encoding="utf-8")
+    assert "| cut-pursuit" in text and "| objects" in text and "absent" not in text
+    assert "](partition_industrial.png)" in text
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "quality.json",
-        "quality.md",
-        "quality.png",
-        "quality_industrial.png",
+        "partition.json",
+        "partition.md",
+        "partition.png",
+        "partition_industrial.png",
     ]
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["missing.npz"], "there is no missing.npz"),
         (["bare.npz"], "bare.npz has no classes; it must have a field class or coarse"),
@@ -346,7 +343,7 @@ def test_the_command_writes_and_adds(evaluate, tmp_path):
         (["good.npz", "--add-to", "nowhere.json"], "nowhere.json: No such file"),
     ],
 )
-def test_what_is_wrong_is_one_line(evaluate, tmp_path, monkeypatch, words, says):
+def test_an_error_is_one_line(run, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     points = np.zeros((3, 3))
     np.savez("bare.npz", xyz=points)
@@ -354,6 +351,6 @@ def test_what_is_wrong_is_one_line(evaluate, tmp_path, monkeypatch, words, says)
     np.savez("good.npz", xyz=points, coarse=np.ones(3, np.int8))
     (tmp_path / "broken.json").write_text("{", encoding="utf-8")
     (tmp_path / "other.json").write_text('{"counts": [7]}', encoding="utf-8")
-    code, out, err = evaluate(*words)
+    code, out, err = run(*words)
     assert (code, out) == (2, "")
-    assert err.startswith(f"ellipseg: {says}") and err.count("\n") == 1
+    assert err.startswith(f"studies.partition: {message}") and err.count("\n") == 1

@@ -8,9 +8,11 @@ import pytest
 from tables import check_tables
 
 from studies.benchmark.page import page as benchmark
+from studies.partition.page import page as partition
+from studies.partition.scale.page import page as scale
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
-PAGES = {"benchmark": benchmark}
+PAGES = {"benchmark": benchmark, "partition": partition, "scale": scale}
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -1,4 +1,4 @@
-"""Clouds with truth from any source. Apart from Scan, since a process of a peer reads nothing."""
+"""Reads labelled clouds from any source. Apart from Scan, which subprocesses need without it."""
 
 from typing import NamedTuple
 
@@ -11,12 +11,19 @@ from ellipseg_ros.simulation.shapes import Class
 from studies.partition.metrics import UNKNOWN
 from studies.partition.scan import Scan
 
-CLASS_FIELDS = ("class", "coarse")  # of simulated scenes, of labelled scans: the same numbers
+CLASS_FIELDS = ("class", "coarse")  # of simulated scenes and of labelled scans, equal numbers
 INSTANCE_FIELD = "instance"
 
 
+class Truth(NamedTuple):
+    """True class and instance of n points."""
+
+    classes: Array  # (n,) int64, see Class; 0: unknown
+    instances: Array | None  # (n,) int64, 0: ground; None: not known for every point
+
+
 def read_scan(source: Source, spec: str) -> Scan:
-    """All points of a source as one cloud; InputError if it has no classes."""
+    """Join all points of a source into one cloud; InputError if it has no classes."""
     sweep = join_sweeps(list(source))
     finite = np.isfinite(sweep.points).all(axis=1)
     truth = truth_of(sweep.keep(finite).fields)
@@ -30,15 +37,8 @@ def read_scan(source: Source, spec: str) -> Scan:
     return Scan(source.name, simulated, sweep.points[finite], truth.classes, truth.instances)
 
 
-class Truth(NamedTuple):
-    """What the fields of n points say of them."""
-
-    classes: Array  # (n,) int64, see Class; 0: not known
-    instances: Array | None  # (n,) int64, 0: no thing; None: not told for every thing
-
-
 def truth_of(fields: Array | None) -> Truth | None:
-    """The truth in the fields (n,) of points; None if there are no classes."""
+    """The truth in the fields (n,) of points; None if they have no classes."""
     names = (fields.dtype.names or ()) if fields is not None else ()
     field = next((name for name in CLASS_FIELDS if name in names), "")
     if fields is None or not field:
@@ -51,5 +51,6 @@ def truth_of(fields: Array | None) -> Truth | None:
 
 def complete_instances(instances: Array, classes: Array) -> Array | None:
     """The instances, if every point of a known class but the ground has one; else None."""
-    things = (classes != UNKNOWN) & (classes != Class.GROUND)
-    return instances if things.any() and (instances[things] != UNKNOWN).all() else None
+    of_things = (classes != UNKNOWN) & (classes != Class.GROUND)
+    complete = of_things.any() and (instances[of_things] != UNKNOWN).all()
+    return instances if complete else None

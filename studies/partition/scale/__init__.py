@@ -1,0 +1,1 @@
+"""Object scale: objects over the scale at which their hierarchy is cut, and their stability."""
