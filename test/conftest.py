@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ellipseg_ros.cli.domains import claimed_domain
+from ellipseg_ros.cli.isolation import reserved_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -32,7 +32,7 @@ def session_ros_domain() -> Iterator[int]:
 
 
 def _domain() -> Iterator[int]:
-    with claimed_domain() as domain, pytest.MonkeyPatch.context() as patch:
+    with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(domain))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield domain

@@ -1,4 +1,4 @@
-"""`ellipseg demo`: the node in a process of its own, a recording sent to it, all of it checked."""
+"""`ellipseg demo`: replay a source to a node, record its output and verify it offline."""
 
 import os
 import sys
@@ -8,192 +8,180 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ellipseg_ros.cli.check import Check, received
-from ellipseg_ros.cli.domains import claimed_domain
-from ellipseg_ros.cli.node_process import NodeProcess
+from ellipseg_ros.cli.isolation import LOCALHOST_ONLY, environment_variables, reserved_domain
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.cli.report import (
     Meter,
     Progress,
-    Summary,
     heading,
-    progress,
-    say,
-    show,
-    window_summary,
+    print_status,
+    print_summary,
+    progress_bar,
 )
 from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare
-from ellipseg_ros.cli.running import LOCAL, environment
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
+from ellipseg_ros.cli.verification import Verification, recorded_updates
 from ellipseg_ros.io.atomic_files import write_text
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.playback import ReplayOptions, ReplaySummary
-from ellipseg_ros.records import SECOND, Sweep
+from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.parameters import as_yaml
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import warm_up
 
-THINNED_TO = 10_000  # points/s that two cores take in real time
-LOSSLESS = {"max_backlog": 0, "input_reliability": "reliable"}  # else ids may differ from offline
-STEADY = {"auto_tune_period": 0.0}  # likewise, segments
+MAX_POINTS_PER_SECOND = 10_000  # which two cores segment in real time, with the default window
+# Without these, ids and segments may differ from those of the offline run.
+REPRODUCIBLE = {"max_backlog": 0, "input_reliability": "reliable", "auto_tune_period": 0.0}
 AHEAD = 2.0  # update periods that the replayer may be ahead of the node
-START = 120.0  # s: imports, and the first compilation of all kernels
-PATIENCE = 120.0  # s for one update
+UPDATE_TIMEOUT_S = 120.0
+MAX_PROBLEMS = 5  # printed
 
-OPEN = """
+NEXT_STEPS = """
 Look at {folder}/segments.png and ellipsoids.png; replay {folder}/bag:
   Foxglove   open {folder}/bag/bag.mcap, 3D panel, topics /segmented_points and /ellipsoids
   RViz       ros2 bag play {folder}/bag, and rviz2 -d config/ellipseg.rviz"""
 
 
 @dataclass(frozen=True)
-class Live:
-    """What the run over DDS was like."""
+class LiveRun:
+    """The run of the node."""
 
     sent: ReplaySummary
-    updates: int  # that the node had to make
-    node: dict[str, str]  # its last diagnostics
-    peak_memory_mb: float  # of the node
+    updates: int  # expected of the node
+    diagnostics: dict[str, str]  # the last ones
+    peak_memory_mb: float
+
+    def milliseconds(self, name: str) -> dict[str, float]:
+        """Median and 99th percentile of a time in the diagnostics."""
+        keys = {quantile: f"{name} {quantile} [s]" for quantile in ("median", "p99")}
+        return {
+            quantile: round(float(self.diagnostics[key]) * 1e3, 1)
+            for quantile, key in keys.items()
+            if key in self.diagnostics
+        }
 
 
 def run(args: Namespace) -> int:
-    """Run, check and report; returns the exit code, 1 if a check failed."""
+    """Run, verify and report; returns the exit code, 1 if the verification failed."""
     source = open_input(args.data, args)
-    defaults = {"max_points_per_second": THINNED_TO} if source.duration else {}  # no single cloud
-    settings = with_settings(read_settings(args, defaults), LOSSLESS | STEADY)
+    is_drive = bool(source.duration)
+    defaults = {"max_points_per_second": MAX_POINTS_PER_SECOND} if is_drive else {}
+    settings = with_settings(read_settings(args, defaults), REPRODUCIBLE)
     folder = Path(args.output)
     prepare(folder, args.data)
-    with _to_ourselves():
-        live = _replay(source, settings, folder, args)
-    check, meter = _check(source, settings, folder, live, args)
-    summary = _summary(heading(args.data, source.frame_id, settings), live, check, meter)
+    with _isolated():
+        live = _run_node(source, settings, folder, args)
+    verification, meter = _verify(source, settings, folder, live, args)
+    summary = heading(args.data, source.frame_id, settings) | meter.counts(live.sent.wall_seconds)
+    summary |= {
+        "updates": verification.updates,
+        "points": live.sent.points,
+        "update_ms": live.milliseconds("processing"),
+        "latency_ms": live.milliseconds("latency"),
+        "peak_memory_mb": live.peak_memory_mb,
+        "checks": verification.summary(),
+        "passed": verification.passed,
+        "problems": verification.problems,
+        "node": live.diagnostics,
+    }
     finish(folder, summary, meter.last, args)
-    show(summary, args)
+    print_summary(summary, args)
     if meter.last is not None and meter.last.counts.thinned:
         rate = settings.config.max_points_per_second
-        say(f"The clouds are dense, so they were thinned: max_points_per_second = {rate:,}.", args)
-    if not check.passed:
-        print("\n".join(["ellipseg: the check failed", *check.problems[:5]]), file=sys.stderr)
+        print_status(f"The clouds were thinned: max_points_per_second = {rate:,}.", args)
+    if not verification.passed:
+        lines = ["ellipseg: the verification failed", *verification.problems[:MAX_PROBLEMS]]
+        print("\n".join(lines), file=sys.stderr)
         return 1
-    say(OPEN.format(folder=folder), args)
+    print_status(NEXT_STEPS.format(folder=folder), args)
     return 0
 
 
 @contextmanager
-def _to_ourselves() -> Iterator[None]:
-    """This machine only; a domain of our own, unless the user names one, to watch it there."""
+def _isolated() -> Iterator[None]:
+    """Restrict ROS to this machine, and to a reserved domain unless ROS_DOMAIN_ID is set."""
     with ExitStack() as stack:
-        stack.enter_context(environment(LOCAL))
+        stack.enter_context(environment_variables(LOCALHOST_ONLY))
         if "ROS_DOMAIN_ID" not in os.environ:
-            number = stack.enter_context(claimed_domain())
-            stack.enter_context(environment({"ROS_DOMAIN_ID": str(number)}))
+            number = stack.enter_context(reserved_domain())
+            stack.enter_context(environment_variables({"ROS_DOMAIN_ID": str(number)}))
         yield
 
 
-def _replay(source: Source, settings: Settings, folder: Path, args: Namespace) -> Live:
-    """Start the node, send it everything, and record what it publishes."""
-    name = f"/demo_{os.getpid()}"  # others may share the domain
+def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace) -> LiveRun:
+    """Start the node, send it all clouds, and record its output."""
+    name = f"/demo_{os.getpid()}"  # the domain may have other nodes
     namespace = ["--ros-args", "-r", f"__ns:={name}", "-r", f"/diagnostics:={name}/diagnostics"]
-    ours = [*namespace, "--log-level", "warn"]
+    client_args = [*namespace, "--log-level", "warn"]
     parameters = folder / PARAMETERS
     write_text(parameters, as_yaml(settings.config, settings.node))
+    period = settings.config.update_period
+    options = ReplayOptions(
+        rate=0.0,
+        clock=False,
+        ahead=AHEAD * period,
+        update_period=period,
+        patience=UPDATE_TIMEOUT_S,
+    )
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / BAG, settings.node))
-        recorder = stack.enter_context(Recorder(bag, ours))
-        replayer = stack.enter_context(Replayer(source, _options(settings), ours))
+        recorder = stack.enter_context(Recorder(bag, client_args))
+        replayer = stack.enter_context(Replayer(source, options, client_args))
 
-        def give_up(reason: str) -> None:
+        def abort(reason: str) -> None:
             recorder.stop(reason)
             replayer.stop()
 
-        say("starting the node, which compiles its kernels the first time ...", args)
+        print_status("starting the node, which compiles its kernels the first time ...", args)
         node_args = [*namespace, "--params-file", str(parameters)]
-        node = stack.enter_context(NodeProcess(node_args, folder / LOG, give_up))
+        node = stack.enter_context(NodeProcess(node_args, folder / LOG, abort))
         node.start()
-        recorder.wait_for_topics(START)
-        bar = stack.enter_context(progress(source.count, "clouds", args))
-        sent, updates = _send(replayer, recorder, settings, bar)
-        recorder.wait_for_updates(updates, PATIENCE)
-        recorder.wait_for_report("updates", updates, PATIENCE)
-        live = Live(sent, updates, recorder.diagnostics, node.peak_memory_mb())
+        recorder.wait_for_topics(START_TIMEOUT_S)
+        bar = stack.enter_context(progress_bar(source.count, "clouds", args))
+        sent, updates = _send(replayer, recorder, Grouping(settings.config), bar)
+        recorder.wait_for_updates(updates, UPDATE_TIMEOUT_S)
+        recorder.wait_for_report("updates", updates, UPDATE_TIMEOUT_S)
+        live = LiveRun(sent, updates, recorder.diagnostics, node.peak_memory_mb())
         node.stop()
     return live
 
 
-def _options(settings: Settings) -> ReplayOptions:
-    period = settings.config.update_period
-    return ReplayOptions(
-        rate=0.0, clock=False, ahead=AHEAD * period, update_period=period, patience=PATIENCE
-    )
-
-
 def _send(
-    replayer: Replayer, recorder: Recorder, settings: Settings, bar: Progress
+    replayer: Replayer, recorder: Recorder, grouping: Grouping, bar: Progress
 ) -> tuple[ReplaySummary, int]:
-    """Send everything; returns what was sent, and how many updates the node must make of it."""
-    grouping = Grouping(settings.config)
-    updates = 0
+    """Send all clouds; returns what was sent, and the number of updates expected of the node."""
+    updates = []
 
-    def one(sweep: Sweep) -> None:
-        nonlocal updates
+    def on_sent(sweep: Sweep) -> None:
         recorder.write_points(sweep)
-        updates += len(grouping.push(sweep))
+        updates.append(len(grouping.push(sweep)))
         bar.update()
 
-    sent = replayer.run(one)
-    # The last points wait for a boundary that no cloud reaches; a reset makes an update of them.
-    recorder.wait_for_report("clouds received", sent.clouds, PATIENCE)
-    recorder.reset_segmenter(PATIENCE)
-    return sent, updates + len(grouping.flush())
+    sent = replayer.run(on_sent)
+    # No cloud reaches the end of the last update period; a reset ends it.
+    recorder.wait_for_report("clouds received", sent.clouds, UPDATE_TIMEOUT_S)
+    recorder.reset_segmenter(UPDATE_TIMEOUT_S)
+    return sent, sum(updates) + len(grouping.flush())
 
 
-def _check(
-    source: Source, settings: Settings, folder: Path, live: Live, args: Namespace
-) -> tuple[Check, Meter]:
-    """Segment the source offline, and compare update by update with what the node published."""
-    say("checking: the same offline ...", args)
+def _verify(
+    source: Source, settings: Settings, folder: Path, live: LiveRun, args: Namespace
+) -> tuple[Verification, Meter]:
+    """Segment the source offline, and compare every update with that of the node."""
+    print_status("verifying: segmenting the same clouds offline ...", args)
     warm_up()
-    check, meter = Check(live.updates, settings.node), Meter()
-    with progress(live.updates, "updates", args) as bar:
-        node = received(folder / BAG)
-        for group, found in run_updates(source, settings.config, meter):
-            said = next(node, None)
-            if said is None:
+    verification, meter = Verification(live.updates, settings.node), Meter()
+    recorded = recorded_updates(folder / BAG)
+    with progress_bar(live.updates, "updates", args) as bar:
+        for group, result in run_updates(source, settings.config, meter):
+            node = next(recorded, None)
+            if node is None:
                 break
-            check.update(group, found, said)
+            verification.update(group, result, node)
             bar.update()
-    return check, meter
-
-
-def _summary(head: Summary, live: Live, check: Check, meter: Meter) -> Summary:
-    """What the node did; the window is the last one."""
-    sent = live.sent
-    sensor = meter.sensor_ns / SECOND
-    return head | {
-        "updates": check.updates,
-        "restarts": meter.restarts,
-        "points": sent.points,
-        "points_late": meter.late,
-        "points_expired_early": meter.evicted,
-        "sensor_s": round(sensor, 3),
-        "wall_s": round(sent.wall_seconds, 3),
-        "times_real_time": round(sensor / sent.wall_seconds, 2) if sensor else None,
-        "update_ms": _milliseconds(live.node, "processing"),
-        "latency_ms": _milliseconds(live.node, "latency"),
-        "peak_memory_mb": live.peak_memory_mb,
-        "window": window_summary(meter.last) if meter.last else None,
-        "checks": check.summary(),
-        "passed": check.passed,
-        "problems": check.problems,
-        "node": live.node,
-    }
-
-
-def _milliseconds(node: dict[str, str], name: str) -> dict[str, float]:
-    """Median and p99 of a time that the node reports in s."""
-    keys = {which: f"{name} {which} [s]" for which in ("median", "p99")}
-    return {which: round(float(node[key]) * 1e3, 1) for which, key in keys.items() if key in node}
+    return verification, meter

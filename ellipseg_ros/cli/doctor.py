@@ -7,7 +7,7 @@ import sys
 from argparse import Namespace
 from dataclasses import asdict
 
-from ellipseg_ros.cli.report import say
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.doctor.clouds import check_speed
 from ellipseg_ros.doctor.environment import check_environment, read_environment
 from ellipseg_ros.doctor.findings import ERROR, Finding, error, failed
@@ -37,7 +37,7 @@ def run(args: Namespace) -> int:
     }
     graph = None
     if not (args.offline or ros_error or not middleware):
-        say(f"observing the graph for {args.seconds:g} s ...", args)
+        print_status(f"observing the graph for {args.seconds:g} s ...", args)
         try:
             graph = _observe(args)
             findings["graph"] = list(check_graph(graph, environment.receive_buffer))
@@ -84,9 +84,9 @@ def _speed(graph: GraphSnapshot | None, args: Namespace) -> Finding:
     from ellipseg_ros.doctor.speed import measure_speed  # only here: numba may not load
     from ellipseg_ros.segmenter import warm_up
 
-    say("compiling kernels, which takes longer the first time ...", args)
+    print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
-    say("measuring the speed ...", args)
+    print_status("measuring the speed ...", args)
     return check_speed(measure_speed(), graph)
 
 

@@ -1,4 +1,4 @@
-"""The segmenter node as a process of its own, which ends when its block ends."""
+"""The segmenter node as a child process."""
 
 import signal
 import subprocess
@@ -11,19 +11,20 @@ from threading import Thread
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.node.memory import peak_mb, resident_mb
 
-START = """
+PROGRAM = """
 import ctypes, signal, sys
-ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG: it doesn't outlive who started it
+ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG: end together with the parent
 from ellipseg_ros.ros.start import segmenter
 sys.exit(segmenter())
 """
-FAREWELL = 10.0  # s that the node gets to end before it is killed
+START_TIMEOUT_S = 180.0  # imports, and the first compilation of all kernels
+SHUTDOWN_TIMEOUT_S = 10.0  # after which the process is killed
 
 
 class NodeProcess:
-    """A segmenter that `start` starts; a context manager, which ends it whatever happens.
+    """A segmenter process, from `start` to the end of the `with` block at the latest.
 
-    args: `--ros-args ...` of the node. log: file for all that it prints.
+    args: `--ros-args ...` of the node. log: file for its output.
     on_death: called, in another thread, with the reason if it ends before `stop` is called.
     """
 
@@ -31,7 +32,7 @@ class NodeProcess:
         self._args = args
         self._log = log
         self._on_death = on_death
-        self._asked = False
+        self._stopping = False
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> "NodeProcess":
@@ -41,48 +42,50 @@ class NodeProcess:
         self._end()
 
     def start(self) -> None:
-        """Start it; raises KeyboardInterrupt only when it can be ended again."""
-        with self._log.open("wb") as log, interrupts_held_back():
+        """Start the process; KeyboardInterrupt is raised only when it can be stopped again."""
+        with self._log.open("wb") as log, delayed_interrupts():
             self._process = subprocess.Popen(
-                [sys.executable, "-c", START, *self._args],
+                [sys.executable, "-c", PROGRAM, *self._args],
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C ends it through us, in order
+                start_new_session=True,  # Ctrl-C reaches it only through `stop`
             )
         Thread(target=self._watch, args=[self._process], name="node", daemon=True).start()
 
     def stop(self) -> None:
-        """End it as Ctrl-C does; raises EllipsegError if it does not end well."""
+        """End it as Ctrl-C does; raises EllipsegError if its exit code is not 0."""
         code = self._end()
         if code:
             raise EllipsegError(f"the node ended with {code}; see {self._log}")
 
-    def memory_mb(self) -> float:
-        """Memory that it holds now, in MB (10^6 bytes)."""
-        assert self._process is not None  # it is for after `start`
-        return resident_mb(self._process.pid)
-
     def kill(self) -> None:
         """End it as a crash does."""
-        assert self._process is not None  # it is for after `start`
-        self._asked = True
-        self._process.kill()
-        self._process.wait()
+        self._stopping = True
+        self._started.kill()
+        self._started.wait()
+
+    def memory_mb(self) -> float:
+        """Present resident memory, in MB (10^6 bytes)."""
+        return resident_mb(self._started.pid)
 
     def peak_memory_mb(self) -> float:
-        """Most memory that it has held so far, in MB (10^6 bytes)."""
-        assert self._process is not None  # it is for after `start`
-        return peak_mb(self._process.pid)
+        """Peak resident memory, in MB (10^6 bytes)."""
+        return peak_mb(self._started.pid)
+
+    @property
+    def _started(self) -> "subprocess.Popen[bytes]":
+        assert self._process is not None, "call `start` first"
+        return self._process
 
     def _end(self) -> int:
-        self._asked = True
+        self._stopping = True
         process = self._process
         if process is None:
             return 0
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         try:
-            return process.wait(FAREWELL)
+            return process.wait(SHUTDOWN_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()
@@ -90,24 +93,24 @@ class NodeProcess:
             process.kill()
             raise
 
-    def _watch(self, process: subprocess.Popen[bytes]) -> None:
+    def _watch(self, process: "subprocess.Popen[bytes]") -> None:
         code = process.wait()
-        if not self._asked:
+        if not self._stopping:
             self._on_death(f"the node ended too early, with {code}; see {self._log}")
 
 
 @contextmanager
-def interrupts_held_back() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait for the end of the block: a child half started would be lost."""
-    came: list[int] = []
-    usual = {
-        number: signal.signal(number, lambda which, _: came.append(which))
+def delayed_interrupts() -> Iterator[None]:
+    """Delay SIGINT and SIGTERM to the end of the block, so that no half started child is lost."""
+    received: list[int] = []
+    handlers = {
+        number: signal.signal(number, lambda which, _: received.append(which))
         for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
         yield
     finally:
-        for number, handler in usual.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-    if came:
+    if received:
         raise KeyboardInterrupt

@@ -4,7 +4,7 @@ import json
 from argparse import Namespace
 from dataclasses import asdict
 
-from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.report import print_status, progress_bar
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
@@ -17,10 +17,12 @@ def run(args: Namespace) -> int:
     )
     source = open_input(args.source, args)
     total = None if args.loop else source.count
-    with Replayer(source, options) as replayer, progress(total, "clouds", args) as bar:
+    with Replayer(source, options) as replayer, progress_bar(total, "clouds", args) as bar:
         sent = replayer.run(lambda _: bar.update())
     if args.json:
         print(json.dumps(asdict(sent), indent=2))
-    missed = f"; {sent.missed} of {sent.updates} updates did not come back" if sent.missed else ""
-    say(f"{sent.points:,} points in {sent.clouds} clouds, {sent.wall_seconds:.1f} s{missed}", args)
+    text = f"{sent.points:,} points in {sent.clouds} clouds, {sent.wall_seconds:.1f} s"
+    if sent.missed:
+        text += f"; {sent.missed} of {sent.updates} updates were not received back"
+    print_status(text, args)
     return 0

@@ -1,4 +1,4 @@
-"""What a run says of itself: progress while it lasts, then a summary to read or to parse."""
+"""Reports of a run: progress on stderr, and a summary as a table or as JSON."""
 
 import json
 import resource
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from tqdm import tqdm  # the usual one: small, and it knows terminals
+from tqdm import tqdm  # widely used, small, and adapts to terminals
 
 from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.io.atomic_files import write_text
@@ -28,11 +28,11 @@ class Meter:
     """Measures the updates of a run."""
 
     times_s: list[float] = field(default_factory=list)  # of every update
-    points: int = 0  # read in all
-    sensor_ns: int = 0  # time that the data span, restarts taken out
+    points: int = 0  # read
+    sensor_ns: int = 0  # duration of the data, without jumps at restarts
     restarts: int = 0
-    late: int = 0  # points older than the window when they came
-    evicted: int = 0  # points that `max_points` let expire early
+    late: int = 0  # points older than the window when they arrived
+    evicted: int = 0  # points that expired early because of `max_points`
     started: float = field(default_factory=time.perf_counter)
     last: Segmentation | None = None
 
@@ -44,74 +44,75 @@ class Meter:
         yield
         self.times_s.append(time.perf_counter() - start)
 
-    def take(self, group: Sweep, found: Segmentation) -> None:
-        """Note the result of an update."""
-        goes_on = self.last is not None and not found.restart
-        begin = (
-            self.last.end_ns
-            if self.last and goes_on
-            else int(group.times_ns.min(initial=found.end_ns))
-        )
-        self.sensor_ns += max(0, found.end_ns - begin)
-        self.restarts += bool(found.restart)
-        self.late += found.late
-        self.evicted += found.evicted
-        self.last = found
+    def add(self, group: Sweep, result: Segmentation) -> None:
+        """Count the result of an update."""
+        if self.last is None or result.restart:
+            begin = int(group.times_ns.min(initial=result.end_ns))
+        else:
+            begin = self.last.end_ns
+        self.sensor_ns += max(0, result.end_ns - begin)
+        self.restarts += bool(result.restart)
+        self.late += result.late
+        self.evicted += result.evicted
+        self.last = result
 
     def summary(self) -> Summary:
-        """Counts and times; the window is the last one."""
-        wall = time.perf_counter() - self.started
-        sensor = self.sensor_ns / SECOND
+        """Counts, times, and the last window."""
+        return self.counts(time.perf_counter() - self.started) | {
+            "update_ms": percentiles(self.times_s),
+            "peak_memory_mb": peak_memory_mb(),
+        }
+
+    def counts(self, wall_s: float) -> Summary:
+        """Counts and the last window; wall_s: duration of the run."""
+        sensor_s = self.sensor_ns / SECOND
         return {
             "updates": len(self.times_s),
             "restarts": self.restarts,
             "points": self.points,
             "points_late": self.late,
             "points_expired_early": self.evicted,
-            "sensor_s": round(sensor, 3),
-            "wall_s": round(wall, 3),
-            "times_real_time": round(sensor / wall, 2) if sensor else None,
-            "update_ms": percentiles(self.times_s),
-            "peak_memory_mb": peak_memory_mb(),
+            "sensor_s": round(sensor_s, 3),
+            "wall_s": round(wall_s, 3),
+            "times_real_time": round(sensor_s / wall_s, 2) if sensor_s else None,
             "window": window_summary(self.last) if self.last else None,
         }
 
 
 def percentiles(times_s: list[float]) -> dict[str, float]:
-    """Seconds to their median, p99 and maximum in ms; empty if there are none."""
+    """Median, 99th percentile and maximum in ms of times in s; empty if there are none."""
     if not times_s:
         return {}
-    median, p99, most = np.percentile(np.array(times_s) * 1e3, [50, 99, 100])
-    return {"median": round(median, 1), "p99": round(p99, 1), "max": round(most, 1)}
+    median, p99, highest = np.percentile(np.array(times_s) * 1e3, [50, 99, 100])
+    return {"median": round(median, 1), "p99": round(p99, 1), "max": round(highest, 1)}
 
 
 def peak_memory_mb() -> float:
-    """Most memory that this process has ever held, in MB (10^6 bytes); Linux counts in KiB."""
+    """Peak resident memory of this process, in MB (10^6 bytes); Linux counts in KiB."""
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6, 1)
 
 
-def window_summary(found: Segmentation) -> Summary:
-    """What a window holds."""
-    counts = found.counts
+def window_summary(result: Segmentation) -> Summary:
+    """Numbers of points, segments and objects of a window, and its AICc."""
+    counts = result.counts
+    duration_ns = result.end_ns - int(result.times_ns.min(initial=result.end_ns))
     return {
-        "points": len(found.labels),
+        "points": len(result.labels),
         "segmented": counts.segmented,
         "isolated": counts.isolated,
         "rejected": counts.rejected,
         "thinned": counts.thinned,
-        "seconds": round(
-            (found.end_ns - int(found.times_ns.min(initial=found.end_ns))) / SECOND, 3
-        ),
-        "segments": len(found.ellipsoids),
-        "segments_of_12_points": int((found.ellipsoids.count >= 12).sum()),
-        "objects": None if found.objects is None else len(found.objects),
-        "aicc": found.aicc,
-        "aicc_per_point": found.aicc / max(1, counts.segmented),
+        "seconds": round(duration_ns / SECOND, 3),
+        "segments": len(result.ellipsoids),
+        "segments_of_12_points": int((result.ellipsoids.count >= 12).sum()),
+        "objects": None if result.objects is None else len(result.objects),
+        "aicc": result.aicc,
+        "aicc_per_point": result.aicc / max(1, counts.segmented),
     }
 
 
 def heading(source: str, frame_id: str, settings: Settings) -> Summary:
-    """Where results come from: the first lines of every summary."""
+    """The first entries of every summary: version, source and settings."""
     return {
         "ellipseg": version("ellipseg_ros"),
         "source": source,
@@ -122,55 +123,54 @@ def heading(source: str, frame_id: str, settings: Settings) -> Summary:
     }
 
 
-def show(summary: Summary, args: Namespace) -> None:
-    """Print the summary: as JSON, as a table, or not at all."""
+def print_summary(summary: Summary, args: Namespace) -> None:
+    """Print a summary as JSON or as a table; nothing with --quiet."""
+    print_results(summary, lambda _: [f"{name:<22} {text}" for name, text in _rows(summary)], args)
+
+
+def print_results(
+    results: Summary, lines: Callable[[Summary], list[str]], args: Namespace
+) -> None:
+    """Print results as JSON or as lines; nothing with --quiet."""
     if args.json:
-        print(json.dumps(summary, indent=2))
+        print(json.dumps(results, indent=2))
     elif not args.quiet:
-        print("\n".join(f"{name:<22} {text}" for name, text in _rows(summary)))
+        print("\n".join(lines(results)))
 
 
-def write(summary: Summary, path: Path) -> None:
-    """Write the summary as JSON."""
+def write_summary(summary: Summary, path: Path) -> None:
+    """Write a summary as JSON."""
     write_text(path, json.dumps(summary, indent=2) + "\n")
 
 
-def say(text: str, args: Namespace) -> None:
-    """A line for whoever watches: to stderr, so that --json and pipes stay clean."""
+def print_status(text: str, args: Namespace) -> None:
+    """Print a status line to stderr; nothing with --quiet or --json."""
     if not (args.quiet or args.json):
         print(text, file=sys.stderr)
 
 
-def progress(total: int | None, unit: str, args: Namespace) -> Progress:
-    """A bar for long work; only on a terminal, and not with --quiet or --json."""
-    hidden = True if args.quiet or args.json else None  # None: tqdm looks for the terminal
+def progress_bar(total: int | None, unit: str, args: Namespace) -> Progress:
+    """A progress bar; shown only on a terminal, and not with --quiet or --json."""
+    hidden = True if args.quiet or args.json else None  # None: only on a terminal
     return tqdm(total=total, unit=f" {unit}", disable=hidden, leave=False, dynamic_ncols=True)
 
 
 @contextmanager
-def steps(total: int, unit: str, args: Namespace) -> Iterator[Callable[[str], None]]:
-    """A bar, and what to call with a few words before each step of long work."""
-    with progress(total, unit, args) as bar:
+def progress_steps(total: int, unit: str, args: Namespace) -> Iterator[Callable[[str], None]]:
+    """A progress bar; yields a function to call with a description before each step."""
+    with progress_bar(total, unit, args) as bar:
 
-        def begin(what: str) -> None:
-            bar.set_description(what)
+        def begin(description: str) -> None:
+            bar.set_description(description)
             bar.update()
             if bar.disable:  # no terminal: lines instead of a bar
-                say(f"{what} ...", args)
+                print_status(f"{description} ...", args)
 
         yield begin
 
 
-def show_page(results: Summary, blocks: Callable[[Summary], list[str]], args: Namespace) -> None:
-    """Print results: as JSON, as the blocks of their page, or not at all."""
-    if args.json:
-        print(json.dumps(results, indent=2))
-    elif not args.quiet:
-        print("\n".join(blocks(results)))
-
-
 def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
-    """The table: what the JSON holds, for people."""
+    """The table: name and text of each row."""
     yield "source", f"{summary['source']} (frame {summary['frame_id'] or 'not named'})"
     yield "criterion", f"{summary['criterion']}, threshold {summary['threshold']:g}"
     yield from _run_rows(summary)
@@ -188,18 +188,16 @@ def _run_rows(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "updates", f"{summary['updates']}{restarts}"
     yield "points read", f"{summary['points']:,}"
     if summary["points_late"]:
-        yield "  late", f"{summary['points_late']:,}: older than the window when they came"
+        yield "  late", f"{summary['points_late']:,}: older than the window when they arrived"
     if summary["points_expired_early"]:
         yield "  expired early", f"{summary['points_expired_early']:,}: `max_points` was reached"
     if summary["times_real_time"]:
-        took = f"{summary['sensor_s']:.1f} s of data in {summary['wall_s']:.1f} s"
-        yield "speed", f"{took}: {summary['times_real_time']:g} x real time"
-    times = summary["update_ms"]
-    if times:
-        yield "time per update", f"median {times['median']:g} ms, p99 {times['p99']:g} ms"
-    times = summary.get("latency_ms")
-    if times:
-        yield "latency", f"median {times['median']:g} ms, p99 {times['p99']:g} ms"
+        duration = f"{summary['sensor_s']:.1f} s of data in {summary['wall_s']:.1f} s"
+        yield "speed", f"{duration}: {summary['times_real_time']:g} x real time"
+    for name, key in (("time per update", "update_ms"), ("latency", "latency_ms")):
+        times = summary.get(key)
+        if times:
+            yield name, f"median {times['median']:g} ms, p99 {times['p99']:g} ms"
     yield "peak memory", f"{summary['peak_memory_mb']:.0f} MB"
 
 
@@ -207,10 +205,8 @@ def _window_rows(window: Summary) -> Iterator[tuple[str, str]]:
     yield "last window", f"{window['points']:,} points of {window['seconds']:.1f} s"
     for fate in ("segmented", "isolated", "rejected", "thinned"):
         yield f"  {fate}", f"{window[fate]:,}"
-    yield (
-        "segments",
-        f"{window['segments']:,} ({window['segments_of_12_points']:,} of 12 points or more)",
-    )
+    large = f"{window['segments_of_12_points']:,} of 12 points or more"
+    yield "segments", f"{window['segments']:,} ({large})"
     if window["objects"] is not None:
         yield "objects", f"{window['objects']:,}"
-    yield "AICc", f"{window['aicc']:.6g} ({window['aicc_per_point']:.3f} a point)"
+    yield "AICc", f"{window['aicc']:.6g} ({window['aicc_per_point']:.3f} per point)"

@@ -1,10 +1,10 @@
-"""The folder that a run writes: prepared before, filled at the end."""
+"""The folder with the results of a run."""
 
 import shutil
 from argparse import Namespace
 from pathlib import Path
 
-from ellipseg_ros.cli.report import Summary, say, write
+from ellipseg_ros.cli.report import Summary, print_status, write_summary
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.formats import npz, ply
 from ellipseg_ros.records import Segmentation
@@ -28,50 +28,46 @@ NAMES = (BAG, SUMMARY, PARAMETERS, LOG, NPZ, PLY, *PICTURES)
 def prepare(
     folder: Path, source: str, names: tuple[str, ...] = NAMES, keep: tuple[str, ...] = ()
 ) -> None:
-    """Make the folder; results of an earlier run go, anything else in it is left and refused.
+    """Make the folder and remove the results of an earlier run.
 
-    source: what is going to be read, which must not be among what goes. names: of the results.
-    keep: what may be there and stays.
+    Raises EllipsegError if the folder holds any other file, or the source itself.
+    source: the input of this run. names: of the results. keep: names that are not removed.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    there = [path for path in folder.iterdir() if path.name not in keep]
-    foreign = sorted(path.name for path in there if not _ours(path.name, names))
-    if foreign:
+    paths = [path for path in folder.iterdir() if path.name not in keep]
+    removable = {*names, *(f".{name}.part" for name in names)}  # also results written in part
+    other_files = sorted(path.name for path in paths if path.name not in removable)
+    if other_files:
         raise EllipsegError(
-            f"{folder} holds {foreign[0]}; give a new folder, or an empty one, with -o"
+            f"{folder} holds {other_files[0]}; give a new folder, or an empty one, with -o"
         )
     if folder.resolve() in (Path(source).resolve(), *Path(source).resolve().parents):
-        raise EllipsegError(f"{source} lies in {folder}, which is written anew; give another -o")
-    for path in there:
+        raise EllipsegError(f"{source} is in {folder}, which is overwritten; give another -o")
+    for path in paths:
         if path.is_dir():
             shutil.rmtree(path)
         else:
             path.unlink()
 
 
-def finish(folder: Path, summary: Summary, found: Segmentation | None, args: Namespace) -> None:
-    """Write the last window, its pictures and the summary, which then lists all files."""
-    if found is not None:
-        npz.write(folder / NPZ, found)
-        ply.write(folder / PLY, found)
+def finish(folder: Path, summary: Summary, result: Segmentation | None, args: Namespace) -> None:
+    """Write the last window, its pictures and the summary, and list all files in the summary."""
+    if result is not None:
+        npz.write(folder / NPZ, result)
+        ply.write(folder / PLY, result)
         if not args.no_pictures:
-            _draw(folder, found, args)
-    here = {path.name for path in folder.iterdir()} | {SUMMARY}
-    summary["files"] = [str(folder / name) for name in NAMES if name in here]
-    write(summary, folder / SUMMARY)
+            _draw(folder, result, args)
+    written = {path.name for path in folder.iterdir()} | {SUMMARY}
+    summary["files"] = [str(folder / name) for name in NAMES if name in written]
+    write_summary(summary, folder / SUMMARY)
 
 
-def _ours(name: str, names: tuple[str, ...]) -> bool:
-    """Whether an earlier run has written it, perhaps by half."""
-    return name in names or name in {f".{one}.part" for one in names}
-
-
-def _draw(folder: Path, found: Segmentation, args: Namespace) -> None:
+def _draw(folder: Path, result: Segmentation, args: Namespace) -> None:
     """Points and ellipsoids, from above and obliquely; segments, objects and truth."""
     from ellipseg_ros.plots import window as plots
 
-    say("drawing ...", args)
+    print_status("drawing ...", args)
     for view, suffix in ((plots.BIRDSEYE, ""), (plots.OBLIQUE, "_oblique")):
-        plots.draw_segments(found, folder / f"segments{suffix}.png", view)
-        plots.draw_ellipsoids(found, folder / f"ellipsoids{suffix}.png", view)
-    plots.draw_levels(found, folder / "levels.png")
+        plots.draw_segments(result, folder / f"segments{suffix}.png", view)
+        plots.draw_ellipsoids(result, folder / f"ellipsoids{suffix}.png", view)
+    plots.draw_levels(result, folder / "levels.png")

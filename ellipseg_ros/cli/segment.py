@@ -1,11 +1,18 @@
-"""`ellipseg segment`: a recording through the segmenter, as the node would do it, without ROS."""
+"""`ellipseg segment`: segment a recording like the node does, without ROS."""
 
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from ellipseg_ros.cli.report import Meter, heading, progress, say, show
+from ellipseg_ros.cli.report import (
+    Meter,
+    Progress,
+    heading,
+    print_status,
+    print_summary,
+    progress_bar,
+)
 from ellipseg_ros.cli.results import BAG, finish, prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
@@ -24,64 +31,54 @@ def run(args: Namespace) -> int:
     source = open_input(args.source, args)
     folder = Path(args.output or f"{source.name}_segmented")
     prepare(folder, args.source)
-    say("compiling kernels, which takes longer the first time ...", args)
+    print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
     meter = _segment(source, settings, folder, args)
     summary = heading(args.source, source.frame_id, settings) | meter.summary()
     finish(folder, summary, meter.last, args)
-    show(summary, args)
+    print_summary(summary, args)
     return 0
 
 
 def run_updates(
     sweeps: Iterable[Sweep], config: Config, meter: Meter
 ) -> Iterator[tuple[Sweep, Segmentation]]:
-    """Yield the joined sweeps of every update and what they give, timed: the node's work."""
+    """Yield the joined sweeps of every update with their result, timed by the meter."""
     segmenter = Segmenter(config)
     for group in updates(sweeps, config):
         with meter.update(group):
-            found = segmenter.process(group)
-        meter.take(group, found)
-        yield group, found
+            result = segmenter.process(group)
+        meter.add(group, result)
+        yield group, result
 
 
 def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) -> Meter:
-    """Run all updates, into a bag if one is wanted."""
+    """Run all updates; write input and results to a bag unless there is --no-bag."""
     meter = Meter()
     with ExitStack() as stack:
-        bar = stack.enter_context(progress(source.count, "clouds", args))
-        listeners: list[Callable[[Sweep], object]] = [
-            lambda _: bar.update(),
-            _look_at_stamps(settings.config, args),
-        ]
+        bar = stack.enter_context(progress_bar(source.count, "clouds", args))
         bag = None
         if not args.no_bag:
             bag = stack.enter_context(BagSink(folder / BAG, settings.node))
-            listeners.append(bag.write_points)
-        for _, found in run_updates(_overheard(source, listeners), settings.config, meter):
-            if found.restart:
-                say(f"the window begins anew: {found.restart}", args)
+        sweeps = _observed(source, settings.config, bag, bar, args)
+        for _, result in run_updates(sweeps, settings.config, meter):
+            if result.restart:
+                print_status(f"the window restarts: {result.restart}", args)
             if bag is not None:
-                bag.write_update(found)
+                bag.write_update(result)
     return meter
 
 
-def _look_at_stamps(config: Config, args: Namespace) -> Callable[[Sweep], None]:
-    """What tells of stamps that stand still or jump forward, as the node does."""
-    stamps = StampMonitor()
-
-    def look(sweep: Sweep) -> None:
-        if text := stamps.check(sweep, config.window_duration, config.max_lateness):
-            say(text, args)
-
-    return look
-
-
-def _overheard(
-    sweeps: Iterable[Sweep], listeners: list[Callable[[Sweep], object]]
+def _observed(
+    source: Source, config: Config, bag: BagSink | None, bar: Progress, args: Namespace
 ) -> Iterator[Sweep]:
-    """The same sweeps, each shown to the listeners as it passes."""
-    for sweep in sweeps:
-        for listen in listeners:
-            listen(sweep)
+    """Yield the sweeps; report unusual stamps of each, and write it to the bag."""
+    stamps = StampMonitor()
+    for sweep in source:
+        bar.update()
+        warning = stamps.check(sweep, config.window_duration, config.max_lateness)
+        if warning:
+            print_status(warning, args)
+        if bag is not None:
+            bag.write_points(sweep)
         yield sweep

@@ -1,4 +1,4 @@
-"""The settings that a command line asks for: defaults, then a file, then options."""
+"""The parameters that a command line asks for: defaults, then a file, then options."""
 
 from argparse import Namespace
 from dataclasses import dataclass, field
@@ -13,13 +13,13 @@ from ellipseg_ros.errors import ConfigError
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that the node's parameters say."""
+    """All parameters of the node."""
 
     config: Config = field(default_factory=Config)
     node: NodeConfig = field(default_factory=NodeConfig)
 
     def flat(self) -> dict[str, Value]:
-        """All of them by dotted name."""
+        """All parameters by dotted name."""
         return flatten(self.config) | flatten(self.node)
 
 
@@ -27,38 +27,35 @@ def read_settings(args: Namespace, defaults: dict[str, Any] | None = None) -> Se
     """Settings from `args.params`, `.set`, `.criterion` and `.threshold`; a later one wins.
 
     defaults: by dotted name, where they differ from those of config.py.
-    ConfigError: a name that does not exist, a value of a wrong type or out of range, a bad file.
+    ConfigError: an unknown name, a value of a wrong type or out of range, an invalid file.
     """
     values = dict(defaults or {})
     if args.params:
-        values |= _from_file(Path(args.params))
+        values |= _read_file(Path(args.params))
     for pair in args.set:
         name, equals, value = pair.partition("=")
         if not equals:
             raise ConfigError(f"--set {pair} has no value; write --set name=value")
         values[name.strip()] = value.strip()
-    values |= {
-        name: value
-        for name, value in (("criterion", args.criterion), ("threshold", args.threshold))
-        if value is not None
-    }
+    for name in ("criterion", "threshold"):
+        if getattr(args, name) is not None:
+            values[name] = getattr(args, name)
     return with_settings(Settings(), values)
 
 
 def with_settings(settings: Settings, values: dict[str, Any]) -> Settings:
-    """`settings` with some changed, by dotted name; texts become what the setting needs."""
+    """`settings` with changes by dotted name; text is converted to the type of the parameter."""
     defaults = settings.flat()
-    typed = {name: _typed(name, value, defaults.get(name)) for name, value in values.items()}
-    of_node = {name: value for name, value in typed.items() if name in flatten(settings.node)}
-    unknown = typed.keys() - defaults.keys()
+    unknown = values.keys() - defaults.keys()
     if unknown:
         raise ConfigError(f"there is no setting {min(unknown)}; there are {', '.join(defaults)}")
-    of_config = {name: value for name, value in typed.items() if name not in of_node}
-    return Settings(with_values(settings.config, of_config), with_values(settings.node, of_node))
+    typed = {name: _typed(name, value, defaults[name]) for name, value in values.items()}
+    of_node = {name: typed.pop(name) for name in flatten(settings.node) if name in typed}
+    return Settings(with_values(settings.config, typed), with_values(settings.node, of_node))
 
 
 def _typed(name: str, value: Any, default: Value | None) -> Any:
-    """`value` as the type of `default` if it is text; YAML leaves 1e-4 as text, too."""
+    """Text as the type of `default`; YAML too reads 1e-4 as text. Other values are unchanged."""
     if not isinstance(value, str) or default is None or isinstance(default, str):
         return value
     if isinstance(default, bool):
@@ -72,29 +69,27 @@ def _typed(name: str, value: Any, default: Value | None) -> Any:
         raise ConfigError(f"{name} is {value!r}; it must be {kind}") from None
 
 
-def _from_file(path: Path) -> dict[str, Any]:
-    """Settings by dotted name from a ROS parameter file, with or without its two outer keys."""
+def _read_file(path: Path) -> dict[str, Any]:
+    """Values by dotted name from a ROS parameter file, with or without its two outer keys."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"{path} is no YAML: {reason}") from error
-    values: dict[str, Any] = {}
-    if isinstance(content, dict):
-        _collect(content, "", values)
-    values.pop("use_sim_time", None)  # ROS's own; results come from stamps alone
+    values = _flat(content, "") if isinstance(content, dict) else {}
+    values.pop("use_sim_time", None)  # of ROS itself; results depend on stamps alone
     if not values:
-        raise ConfigError(f"{path} holds no settings; config/segmenter.yaml shows how it looks")
+        raise ConfigError(f"{path} holds no settings; see config/segmenter.yaml for an example")
     return values
 
 
-def _collect(content: Any, prefix: str, values: dict[str, Any]) -> None:
-    """Nested mappings to dotted names; a node's name and `ros__parameters` are no part of them."""
+def _flat(content: Any, prefix: str) -> dict[str, Any]:
+    """Nested mappings by dotted name, without the name of a node and `ros__parameters`."""
     if not isinstance(content, dict):
-        values[prefix.rstrip(".")] = content
-        return
+        return {prefix.rstrip("."): content}
     if "ros__parameters" in content:
-        _collect(content["ros__parameters"], "", values)
-        return
+        return _flat(content["ros__parameters"], "")
+    values: dict[str, Any] = {}
     for key, inner in content.items():
-        _collect(inner, f"{prefix}{key}.", values)
+        values |= _flat(inner, f"{prefix}{key}.")
+    return values

@@ -2,7 +2,7 @@
 
 from argparse import Namespace
 
-from ellipseg_ros.cli.report import say
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.frames import looks_like_a_sensor, warning
 from ellipseg_ros.io.sources import SIMULATED, Source, open_source
@@ -19,5 +19,5 @@ def open_input(spec: str, args: Namespace) -> Source:
         raise EllipsegError(f"--{option} is for simulated scenes; {spec} is none")
     source = open_source(spec, getattr(args, "topic", ""), **scene)
     if source.count != 1 and looks_like_a_sensor(source.frame_id):  # one cloud smears nothing
-        say(warning(source.frame_id), args)
+        print_status(warning(source.frame_id), args)
     return source

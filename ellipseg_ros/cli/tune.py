@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from ellipseg_ros.cli.report import progress, say
+from ellipseg_ros.cli.report import print_status, progress_bar
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
@@ -36,7 +36,7 @@ def run(args: Namespace) -> int:
     folder = Path(args.output or f"{first.name}_tuned")
     for spec in sources:
         prepare(folder, spec, NAMES, KEPT)
-    say("compiling kernels, which takes longer the first time ...", args)
+    print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
     tuning = Tuning(list(sources), settings, criteria)
     _run_all(sources, search, tuning, Finished(folder), args)
@@ -63,7 +63,7 @@ def _run_all(
 ) -> None:
     """Tune every window that is not finished yet; keep each as soon as it is."""
     total = _expected(sources, tuning.settings, args)
-    with progress(total, "windows", args) as bar, _workers(total, args) as workers:
+    with progress_bar(total, "windows", args) as bar, _workers(total, args) as workers:
 
         def left() -> Iterator[Task]:
             for task in _tasks(sources, search, tuning, args):
@@ -77,7 +77,7 @@ def _run_all(
         for task, curves, problem in parallel.outcomes(left(), workers):
             if curves is None:
                 tuning.fail(f"window {task.cut.number} of {task.cut.source}: {problem}")
-                say(tuning.problems[-1], args)
+                print_status(tuning.problems[-1], args)
             else:
                 finished.put(task.key, curves)
                 tuning.take(task.cut, curves)
@@ -95,7 +95,7 @@ def _tasks(
                 yield Task(cut, config, tuning.criteria, search)
         except EllipsegError as error:
             tuning.fail(str(error) if spec in str(error) else f"{spec}: {error}")
-            say(tuning.problems[-1], args)
+            print_status(tuning.problems[-1], args)
 
 
 def _expected(sources: dict[str, Source], settings: Settings, args: Namespace) -> int | None:

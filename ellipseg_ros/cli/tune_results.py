@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from ellipseg_ros.cli.report import Summary, say, write
+from ellipseg_ros.cli.report import Summary, print_status, write_summary
 from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.config import CRITERIA, flatten
 from ellipseg_ros.io.atomic_files import replacing, write_text
@@ -116,7 +116,7 @@ class Tuning:
 
 def finish(folder: Path, tuning: Tuning, args: Namespace) -> None:
     """Write everything but the finished windows, which are there already."""
-    write(tuning.summary(), folder / SUMMARY)
+    write_summary(tuning.summary(), folder / SUMMARY)
     with replacing(folder / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(_table(tuning))
     for name, choice in tuning.choices().items():
@@ -124,11 +124,11 @@ def finish(folder: Path, tuning: Tuning, args: Namespace) -> None:
     if not args.no_pictures:
         from ellipseg_ros.plots import tuning as charts
 
-        say("drawing ...", args)
+        print_status("drawing ...", args)
         for name, choice in tuning.choices().items():
             curves = [result.curves[name] for result in tuning.results]
             charts.draw_tuning(curves, choice, [folder / f"{name}.{k}" for k in ("png", "svg")])
-    say(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
+    print_status(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
 
 
 def parameters(tuning: Tuning, choice: Choice) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES
-from ellipseg_ros.cli.report import say, steps
+from ellipseg_ros.cli.report import print_status, progress_steps
 from ellipseg_ros.io.sources import open_source
 from studies.benchmark.chart import draw
 from studies.benchmark.page import page
@@ -39,8 +39,8 @@ def _run(args: Namespace) -> int:
         open_source(args.data)  # fails here, not after minutes, if it does not exist
     names = [name for name in SECTIONS if name in args.only or not args.only]
     names = [name for name in names if name != "data" or args.data]
-    say("compiling kernels, which takes longer the first time ...", args)
-    with steps(len(names), "sections", args) as begin:
+    print_status("compiling kernels, which takes longer the first time ...", args)
+    with progress_steps(len(names), "sections", args) as begin:
         results = measure(names, QUICK if args.quick else FULL, args.data, begin)
     publish(results, page, args, draw)
     return 0

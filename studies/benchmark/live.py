@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain, environment
+from ellipseg_ros.cli.isolation import environment_variables, isolated_ros_args
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.messages import Markers, write_segments
@@ -52,11 +52,11 @@ def publishing(sizes: Sizes) -> Section:
     times: dict[str, list[float]] = {}
     received: list[float] = []
     with (
-        domain() as ros_args,
+        isolated_ros_args() as ros_args,
         Listening(ros_args) as listener,
         SegmentationPublisher(ros_args) as publisher,
     ):
-        listener.wait_for_topics(START)
+        listener.wait_for_topics(START_TIMEOUT_S)
         markers = Markers(NodeConfig())
         for number in range(2 * sizes.runs + 1):
             state = State.UPDATED if number % 2 else State.UNCHANGED
@@ -153,7 +153,7 @@ def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) ->
     settings = {"update_period": PERIOD, "window_duration": float(window)}
     with running(RELIABLE | settings) as (listener, node, ros_args):
         with Replayer(sweeps, ReplayOptions(clock=False), ros_args) as replayer:
-            listener.wait_for_topics(START)
+            listener.wait_for_topics(START_TIMEOUT_S)
             replayer.run(note)
             listener.wait_for_update(max(sent), UPDATE_TIMEOUT_S)
         report = listener.next_report(UPDATE_TIMEOUT_S)
@@ -193,7 +193,7 @@ def memory(sizes: Sizes) -> Section:
     settings = {"window_duration": sizes.window}
     with running(RELIABLE | settings) as (listener, node, ros_args):
         with Replayer(sweeps, options, ros_args) as replayer:
-            listener.wait_for_topics(START)
+            listener.wait_for_topics(START_TIMEOUT_S)
             replayer.run()
         report = listener.next_report(UPDATE_TIMEOUT_S)
         peak_mb = node.peak_memory_mb()
@@ -207,7 +207,7 @@ def start(sizes: Sizes) -> Section:
     with ExitStack() as stack:
         if sizes.cold:
             folder = stack.enter_context(tempfile.TemporaryDirectory())
-            stack.enter_context(environment({"NUMBA_CACHE_DIR": folder}))
+            stack.enter_context(environment_variables({"NUMBA_CACHE_DIR": folder}))
             result["cold_s"] = spread([_start()])
         else:
             _start()
@@ -217,7 +217,7 @@ def start(sizes: Sizes) -> Section:
 
 def _start() -> float:
     """Seconds from the start of the process until the node logs that it is ready."""
-    with domain("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
+    with isolated_ros_args("INFO") as ros_args, tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "node.log"
         os.mkfifo(log)  # a pipe delivers a line as soon as it is written
         ready: SimpleQueue[float | None] = SimpleQueue()
@@ -225,7 +225,7 @@ def _start() -> float:
         with NodeProcess(ros_args, log, lambda _: None) as node:
             started = time.monotonic()
             node.start()
-            finished = ready.get(timeout=START)
+            finished = ready.get(timeout=START_TIMEOUT_S)
             if finished is None:
                 raise EllipsegError("the node ended before it was ready; run it alone for its log")
             node.stop()

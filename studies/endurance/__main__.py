@@ -5,7 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from ellipseg_ros.cli.report import say, show_page, steps
+from ellipseg_ros.cli.report import print_results, print_status, progress_steps
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.atomic_files import write_text
 from studies.endurance.page import blocks, page
@@ -22,15 +22,15 @@ def run(args: Namespace) -> int:
         raise EllipsegError(f"there is no subject {unknown[0]}; there are {', '.join(SUBJECTS)}")
     names = [name for name in SUBJECTS if name in args.subjects or not args.subjects]
     earlier = _earlier(Path(args.output) / NAMES[1]) if args.output else {}
-    trial = Trial(args.quick, args.seed, lambda text: say(text, args))
+    trial = Trial(args.quick, args.seed, lambda text: print_status(text, args))
     results = {}
-    with steps(len(names), "subjects", args) as begin:
+    with progress_steps(len(names), "subjects", args) as begin:
         for name in names:
             begin(name)
             results[name] = soak(name, trial)
             if args.output:  # at once: the next one may take a quarter of an hour
                 _write(earlier | results, Path(args.output))
-    show_page(results, blocks, args)
+    print_results(results, blocks, args)
     kept = [row["kept"] for found in results.values() for row in found["promises"]]
     return 0 if all(kept) else 1
 

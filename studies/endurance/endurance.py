@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.cli.running import START
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S
 from ellipseg_ros.config import Config
 from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.limits import nanoseconds
@@ -110,7 +110,7 @@ def _through_the_node(tape: Tape, length: Length, trial: Trial) -> Drive:
         Listening(through.ros_args) as other,
     ):
         drive.latest.memory_mb = through.node.memory_mb
-        other.wait_for_topics(START)
+        other.wait_for_topics(START_TIMEOUT_S)
         through.replayer.run(_watch(drive, through.recorder, other, length, trial))
         drive.said = through.finish(drive.updates)
     return drive

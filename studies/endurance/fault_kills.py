@@ -11,8 +11,8 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from threading import Thread
 
-from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain, parameters
+from ellipseg_ros.cli.isolation import isolated_ros_args, parameter_args
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.replayer import Replayer
@@ -43,7 +43,7 @@ class Scene:
     @contextmanager
     def node(self, *more: str) -> Iterator[NodeProcess]:
         """A segmenter, started; ended with the block."""
-        args = [*self.ros_args, *parameters(SETTINGS), *more]
+        args = [*self.ros_args, *parameter_args(SETTINGS), *more]
         with NodeProcess(args, self.folder / "node.log", lambda _: None) as process:
             process.start()
             yield process
@@ -52,7 +52,9 @@ class Scene:
         """Time from `moment` until so many updates are understood, s."""
         come = self.witness.since
         self.witness.wait(
-            lambda: sum(one.in_step for one in come(moment)) >= updates, START, "no update came"
+            lambda: sum(one.in_step for one in come(moment)) >= updates,
+            START_TIMEOUT_S,
+            "no update came",
         )
         return [one for one in come(moment) if one.in_step][updates - 1].time - moment
 
@@ -77,7 +79,7 @@ class Scene:
                 any(one.in_step for one in self.from_new(moment))
                 and bool(self.drawn_by_new(moment))
             ),
-            START,
+            START_TIMEOUT_S,
             "no update came",
         )
         return next(one for one in self.from_new(moment) if one.in_step).time - moment
@@ -96,7 +98,7 @@ def unbroken(numbers: list[int]) -> bool:
 def scene(seed: int, plays: bool = True) -> Iterator[Scene]:
     """All but the node, which the trial starts and kills; plays: a recording."""
     with ExitStack() as stack:
-        ros_args = stack.enter_context(domain("FATAL"))
+        ros_args = stack.enter_context(isolated_ros_args("FATAL"))
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         here = Scene(ros_args, stack.enter_context(Witness(ros_args)), folder)
         if plays:
@@ -211,7 +213,7 @@ def killed_subscribers(trial: Trial) -> Promise:
         for number in range(kills):
             trial.say(f"kills: a subscriber, {number + 1} of {kills}")
             with Listening(here.ros_args) as listening:
-                listening.wait_for_topics(START)
+                listening.wait_for_topics(START_TIMEOUT_S)
                 begun = time.monotonic()
                 here.wait_for_step(begun, 2)
                 listening.kill()

@@ -6,7 +6,7 @@ from threading import Thread
 
 import numpy as np
 
-from ellipseg_ros.cli.running import START
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 from studies.endurance.endless_drive import Tape
@@ -32,7 +32,7 @@ def second_nodes(trial: Trial) -> Promise:
         with here.node() as second:
             here.witness.wait(
                 lambda: any(TOLD in text for moment, text in here.witness.said if moment > begun),
-                START,
+                START_TIMEOUT_S,
                 "the second node is not told of",
             )
             told = time.monotonic() - begun
@@ -86,7 +86,7 @@ def hanging_subscribers(trial: Trial) -> Promise:
     updates = DEEP if trial.quick else 5 * DEEP
     with scene(trial.seed) as here, here.node("-p", "window_duration:=10") as process:
         with Listening(here.ros_args) as listening:
-            listening.wait_for_topics(START)
+            listening.wait_for_topics(START_TIMEOUT_S)
             here.wait_for_step(time.monotonic(), DEEP)  # the window is full
             trial.say(f"company: {updates} updates while a subscriber reads")
             usual = _latencies(here, updates)

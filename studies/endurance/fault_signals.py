@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ellipseg_ros.cli.running import domain
+from ellipseg_ros.cli.isolation import isolated_ros_args
 from studies.endurance.fault_programs import command, node, python, said, started
 from studies.endurance.promises import Promise, Trial
 
@@ -43,7 +43,7 @@ class Ending:
 def signals(trial: Trial) -> list[Promise]:
     """Each program a number of times, one or two signals at a random moment."""
     rng = random.Random(trial.seed)
-    with domain() as ros_args, tempfile.TemporaryDirectory() as folder:
+    with isolated_ros_args() as ros_args, tempfile.TemporaryDirectory() as folder:
         programs = _programs(ros_args)
         names = ["segmenter", "segment"] if trial.quick else list(programs)
         times = 2 if trial.quick else 12

@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from ellipseg_ros.cli.running import START
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.records import SECOND, Sweep
@@ -93,7 +93,7 @@ def drive(services: list[str], seconds: float, seed: int) -> Case:
     sent: dict[int, int] = {}  # newest time of a cloud, ns: when it was sent
     with running({}) as (listener, _, ros_args):
         with Replayer(scene, ReplayOptions(clock=False), ros_args) as replayer:
-            listener.wait_for_topics(START)
+            listener.wait_for_topics(START_TIMEOUT_S)
 
             def note(sweep: Sweep) -> None:
                 sent[int(sweep.times_ns.max(initial=sweep.stamp_ns))] = time.monotonic_ns()

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.config import Config, NodeConfig, flatten
 from ellipseg_ros.records import SECOND
 from studies.endurance.clouds import Cloud, Header, Time, large_cloud, odd_cloud, serialized
@@ -45,8 +44,8 @@ def listen(seed: int, cases: int, large: int) -> Heard:
     defaults = flatten(Config()) | flatten(NodeConfig())
     settings = {name: value for name, value in settings.items() if value != defaults[name]}
     with running(settings) as (listener, node, ros_args), Sender("points", ros_args) as sender:
-        listener.wait_for_topics(START)
-        sender.wait_for_listener(START)
+        listener.wait_for_topics(START_TIMEOUT_S)
+        sender.wait_for_listener(START_TIMEOUT_S)
         for case in range(cases):
             cloud = carried(odd_cloud(seed, case))
             sender.send(serialized(cloud))

@@ -7,8 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ellipseg_ros.cli.node_process import NodeProcess
-from ellipseg_ros.cli.running import START, domain, parameters
+from ellipseg_ros.cli.isolation import isolated_ros_args, parameter_args
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.config import Config
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.records import Sweep
@@ -46,9 +46,9 @@ def lossless(
     options = ReplayOptions(
         rate=0.0, clock=False, ahead=2.0 * period, update_period=period, patience=PATIENCE
     )
-    given = parameters({"max_backlog": 0, "input_reliability": "reliable"} | settings)
+    given = parameter_args({"max_backlog": 0, "input_reliability": "reliable"} | settings)
     with (
-        domain() as ros_args,
+        isolated_ros_args() as ros_args,
         TemporaryDirectory() as folder,
         Recorder(sink, ros_args) as recorder,
         Replayer(source, options, ros_args) as replayer,
@@ -61,5 +61,5 @@ def lossless(
         log = Path(folder) / "node.log"
         with NodeProcess([*ros_args, *given], log, give_up) as node:
             node.start()
-            recorder.wait_for_topics(START)
+            recorder.wait_for_topics(START_TIMEOUT_S)
             yield Lossless(replayer, recorder, node, ros_args, log)

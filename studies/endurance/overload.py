@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from ellipseg_ros.cli.running import START
+from ellipseg_ros.cli.node_process import START_TIMEOUT_S
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.playback import ReplayOptions
@@ -124,7 +124,7 @@ def _capacity(load: Load, trial: Trial) -> float:
         with running(settings) as (listener, _, ros_args):
             tape = Tape(load.lap_s, laps, rate, seed=trial.seed)
             with Replayer(tape, options, ros_args) as replayer:
-                listener.wait_for_topics(START)
+                listener.wait_for_topics(START_TIMEOUT_S)
                 replayer.run()
             arrived = np.array([listener.updates[stamp] for stamp in sorted(listener.updates)])
         seconds = float(np.median(np.diff(arrived)[-9:])) / SECOND
@@ -151,7 +151,7 @@ def _case(factor: int, capacity: float, load: Load, trial: Trial) -> Case:
     with running(settings) as (listener, node, ros_args):
         clouds: Iterable[Sweep] = chain(much, little)
         with Replayer(clouds, ReplayOptions(clock=False), ros_args) as replayer:
-            listener.wait_for_topics(START)
+            listener.wait_for_topics(START_TIMEOUT_S)
             replayer.run(note)
         said = last_word(listener, REPORTS, PATIENCE)
         peak_mb = node.peak_memory_mb()

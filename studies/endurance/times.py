@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ellipseg_ros.cli.check import equal
+from ellipseg_ros.cli.verification import equal
 from ellipseg_ros.config import Config
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled

@@ -4,7 +4,7 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from ellipseg_ros.cli.report import say, show_page, steps
+from ellipseg_ros.cli.report import print_results, print_status, progress_steps
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.atomic_files import write_text
@@ -25,7 +25,7 @@ def association(args: Namespace) -> int:
     machine = describe()
     known = [run for path in args.add_to or [] for run in earlier(Path(path))]
     runs: list[Results] = []
-    with steps(len(plan.scenes) * len(plan.seeds), "scenes", args) as begin:
+    with progress_steps(len(plan.scenes) * len(plan.seeds), "scenes", args) as begin:
         for run in study(plan, known, begin):
             runs.append(run)
             if args.output:  # whoever gives up in between can go on from it
@@ -34,7 +34,7 @@ def association(args: Namespace) -> int:
         if args.recording:
             source = open_input(args.recording, args)
             results["recording"] = study_recording(source, [OURS, *GRIDS], begin)
-    show_page(results, blocks, args)
+    print_results(results, blocks, args)
     if args.output:
         _write(results, Path(args.output), args)
     return 0
@@ -74,4 +74,4 @@ def _write(results: Results, folder: Path, args: Namespace) -> None:
     write_text(folder / NAMES[0], page(results))
     draw(results, folder / NAMES[2])
     for name in NAMES:
-        say(f"wrote {folder / name}", args)
+        print_status(f"wrote {folder / name}", args)

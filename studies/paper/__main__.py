@@ -5,7 +5,7 @@ from argparse import Namespace
 from importlib.metadata import version
 from pathlib import Path
 
-from ellipseg_ros.cli.report import progress, say, write
+from ellipseg_ros.cli.report import print_status, progress_bar, write_summary
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
@@ -45,20 +45,20 @@ def run(args: Namespace) -> int:
     folder = Path(args.output)
     for spec in sources:
         prepare(folder, spec, NAMES, (WINDOWS,))
-    say("compiling kernels, which takes longer the first time ...", args)
+    print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
     study = Study(settings, search, folder, args)
-    with progress(len(sources), "scenes", args) as bar:
+    with progress_bar(len(sources), "scenes", args) as bar:
         for spec, source in sources.items():
             if bar.disable:  # no terminal: lines instead of a bar
-                say(f"{source.name} ...", args)
+                print_status(f"{source.name} ...", args)
             bar.set_description(source.name)
             study.take(spec, source)
             bar.update()
     facts = study.facts()
-    write(facts, folder / NUMBERS)
+    write_summary(facts, folder / NUMBERS)
     write_text(folder / PAGE, page(facts))
-    say(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
+    print_status(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
     _show(facts, args)
     return 0
 
@@ -117,7 +117,7 @@ class Study:
         from ellipseg_ros.plots.style import save
         from studies.paper import figures
 
-        say("drawing ...", self._args)
+        print_status("drawing ...", self._args)
         shown = [scene for scene in self._scenes if scene.name in SHOWN]
         charts = {
             "figure3": figures.figure3(),

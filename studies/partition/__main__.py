@@ -8,7 +8,7 @@ from typing import Any
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES, add_source_options
-from ellipseg_ros.cli.report import say, steps
+from ellipseg_ros.cli.report import print_status, progress_steps
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.sources import SIMULATED
@@ -74,7 +74,7 @@ def _run(args: Namespace) -> int:
     counts = tuple(sorted(set(args.counts)))
     plan = Plan(counts, args.limit, _earlier(args.add_to, counts) if args.add_to else {})
     scans = [read_scan(open_input(spec, args), spec) for spec in args.sources]
-    with steps(len(scans) * len(methods), "runs", args) as begin:
+    with progress_steps(len(scans) * len(methods), "runs", args) as begin:
         results = study(scans, methods, plan, begin)
     if args.output:
         _draw_scenes(results, Path(args.output), args)
@@ -95,7 +95,7 @@ def _draw_scenes(results: dict[str, Any], folder: Path, args: Namespace) -> None
     """Draw the simulated scenes; pictures of recorded scans may be under another licence."""
     folder.mkdir(parents=True, exist_ok=True)
     for spec in (spec for spec in args.sources if spec.startswith(SIMULATED)):
-        say(f"drawing {spec} ...", args)
+        print_status(f"drawing {spec} ...", args)
         source = open_input(spec, args)
         row = next(row for row in results["scans"] if row["name"] == source.name)
         row["picture"] = f"partition_{source.name}.png"

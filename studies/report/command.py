@@ -8,7 +8,7 @@ from typing import Any
 
 from ellipseg_ros.cli.main import run_guarded
 from ellipseg_ros.cli.options import add_report_options, new_parser
-from ellipseg_ros.cli.report import say
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.atomic_files import write_text
 from studies import STUDIES
@@ -50,7 +50,7 @@ def publish(
         print(page(results).tables())
     if args.output:
         for path in write(results, page, Path(args.output), draw):
-            say(f"wrote {path}", args)
+            print_status(f"wrote {path}", args)
 
 
 def write(

@@ -220,7 +220,7 @@ def test_an_error_is_one_line_and_code_2(run, bag, tmp_path, case):
 def test_the_source_is_never_overwritten(run, segmented):
     before = sorted(path.name for path in segmented.iterdir())
     code, _, err = run("segment", segmented / "bag", "--topic", "points", "-o", segmented)
-    assert code == 2 and "written anew" in err
+    assert code == 2 and "is overwritten" in err
     assert sorted(path.name for path in segmented.iterdir()) == before
 
 

@@ -5,8 +5,8 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
+from point_accounting import NO_GROUPS, Groups, contradictions
 
-from ellipseg_ros.cli.point_accounting import NOBODY, Census, contradictions
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.io.bag import TYPES, BagSink, node_types, read_messages
 from ellipseg_ros.io.messages import write_segments
@@ -58,12 +58,12 @@ def stream(seed, count=30):
         yield segmenter.process(Sweep((100 + second) * SECOND, points, offsets, frame_id="odom"))
 
 
-def censuses(found):
+def groups_of(found):
     """Of segments and of objects, from an offline result."""
     full = decoded(write_segments(found))
     return (
-        Census(found.arrival, found.point_ids, {s.id: s for s in full.segments}, full.removed),
-        Census(
+        Groups(found.arrival, found.point_ids, {s.id: s for s in full.segments}, full.removed),
+        Groups(
             found.arrival,
             found.point_object_ids,
             {o.id: o for o in full.objects},
@@ -75,19 +75,19 @@ def censuses(found):
 @pytest.mark.parametrize("seed", range(6))
 def test_points_come_from_parents_predecessor_or_nowhere_and_from_nothing_else(seed):
     happened = [Counter(), Counter()]
-    before = NOBODY, NOBODY
+    before = NO_GROUPS, NO_GROUPS
     for found in stream(seed):
         if found.restart:
-            before = tuple(census.without_points() for census in before)
-        now = censuses(found)
+            before = tuple(groups.without_points() for groups in before)
+        now = groups_of(found)
         for old, new, count in zip(before, now, happened, strict=True):
             assert list(contradictions(old, new)) == []
-            heirs = {parent for one in new.told.values() for parent in one.parents}
+            heirs = {parent for one in new.reported.values() for parent in one.parents}
             count["births"] += sum(
-                one.state == State.NEW and not len(one.parents) for one in new.told.values()
+                one.state == State.NEW and not len(one.parents) for one in new.reported.values()
             )
             count["splits"] += sum(
-                one.state == State.NEW and len(one.parents) > 0 for one in new.told.values()
+                one.state == State.NEW and len(one.parents) > 0 for one in new.reported.values()
             )
             count["merges"] += len(heirs.intersection(new.removed.tolist()))
             count["expiries"] += len(set(new.removed.tolist()) - heirs)

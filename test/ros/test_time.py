@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from node_kit import SECOND, peer, running
 from sensor_msgs.msg import PointCloud2
 
-from ellipseg_ros.cli.check import equal
+from ellipseg_ros.cli.verification import equal
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.msg import SegmentArray

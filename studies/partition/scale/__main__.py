@@ -8,7 +8,7 @@ from typing import Any
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES, add_segmentation_options, add_source_options
-from ellipseg_ros.cli.report import steps
+from ellipseg_ros.cli.report import progress_steps
 from ellipseg_ros.cli.settings import read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.config import Config, flatten
@@ -45,7 +45,7 @@ def _run(args: Namespace) -> int:
     for spec in args.sources:  # a missing source is reported before the work begins
         open_input(spec, args)
     scenes = []
-    with steps(len(args.sources), "scenes", args) as begin:
+    with progress_steps(len(args.sources), "scenes", args) as begin:
         for spec in args.sources:
             begin(spec)
             scenes.append(_scene(spec, config, args))
