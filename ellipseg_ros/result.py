@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ellipseg_ros.core.contingency import contingency
 from ellipseg_ros.core.ellipsoids import (
     COUNT,
     COVARIANCE,
@@ -96,12 +97,8 @@ def landmark_records(found: Found, followed: Followed, labels: Array, origin: Ar
 
 def _segments_of(point_labels: Array, labels: Array, landmarks: int) -> Ragged:
     """The segments that the points of every landmark are in."""
-    rows = np.flatnonzero(point_labels >= 0)
-    segments = int(labels.max(initial=-1)) + 1
-    pairs = np.unique(point_labels[rows].astype(np.int64) * segments + labels[rows])
-    landmark, segment = np.divmod(pairs, max(1, segments))
-    counts = np.bincount(landmark, minlength=landmarks)
-    return Ragged(np.append(0, np.cumsum(counts)), segment)
+    shared = contingency(point_labels, labels, (landmarks, int(labels.max(initial=-1)) + 1))
+    return Ragged(shared.starts, shared.columns.astype(np.int64))
 
 
 def _matrices(nodes: Array) -> Array:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import CRITERIA, Config
-from ellipseg_ros.core.adjacency import boundaries
+from ellipseg_ros.core.adjacency import segment_adjacency
 from ellipseg_ros.core.criteria import bias
 from ellipseg_ros.core.edge_sorting import Edges, no_edges
 from ellipseg_ros.core.edges import Renewed, renumbered, update_edges
@@ -237,7 +237,7 @@ class Segmenter:
         """Which segments touch, for who needs it; labels of the graph's rows."""
         if not (self._config.objects.enabled or self._config.landmarks.enabled):
             return None
-        return boundaries(self._neighbours.rows, rows, segments)
+        return segment_adjacency(self._neighbours.rows, rows, segments)
 
     def _objects(
         self, labels: Array, rows: Array, own: Array, adjacency: SegmentAdjacency | None

@@ -15,8 +15,12 @@ from functools import partial
 import gtsam
 import numpy as np
 
-from ellipseg_ros.association.associate import associate, difference
-from ellipseg_ros.association.landmark_map import join, no_landmarks, take
+from ellipseg_ros.association.associate import associate, pair_residual
+from ellipseg_ros.association.landmark_map import (
+    concatenate_landmarks,
+    no_landmarks,
+    select_landmarks,
+)
 from ellipseg_ros.records import DETERMINED, Association, Kind, Landmarks
 
 SIDE = 40.0  # m, of the block
@@ -39,7 +43,7 @@ def landmark_factor(
     one, other: the landmark as seen by the first and by the second pose, in their own frames; sets
     of one row.
     """
-    covariance = difference(one, other, (0, 0), np.eye(4)).covariance
+    covariance = pair_residual(one, other, (0, 0), np.eye(4)).covariance
     noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
     robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(2.0), noise)
     return gtsam.CustomFactor(robust, [first, second], partial(_error, one, other))
@@ -49,12 +53,12 @@ def _error(one, other, factor, values, jacobians):
     """Residual, and its derivatives by the two poses as GTSAM perturbs them (rotation first)."""
     first, second = (values.atPose3(key) for key in factor.keys())
     between = first.between(second)
-    found = difference(one, other, (0, 0), between.matrix())
+    found = pair_residual(one, other, (0, 0), between.matrix())
     if jacobians is not None:
         by_motion = np.hstack([found.jacobian[:, 3:], found.jacobian[:, :3]])
         jacobians[0] = -by_motion
         jacobians[1] = by_motion @ between.AdjointMap()
-    return found.r
+    return found.residual
 
 
 # --- a drive around a block ----------------------------------------------------------------------
@@ -89,10 +93,11 @@ def town(rng: np.random.Generator) -> Landmarks:
         if np.abs(np.clip(place, 0.0, SIDE) - place).max() < 3.0 and not inside(place):
             continue
         azimuth = rng.choice([0.0, np.pi / 2.0]) + rng.normal(scale=0.1)
-        found = join(found, thing(kind, np.append(place, 1.5), azimuth, rng))
+        found = concatenate_landmarks(found, thing(kind, np.append(place, 1.5), azimuth, rng))
     ground = thing(Kind.PLANE, np.zeros(3), 0.0, rng)
     half = np.array([[80.0, 80.0, 0.05]])
-    return join(found, replace(ground, axes=np.eye(3)[None], box_min=-half, box_max=half))
+    ground = replace(ground, axes=np.eye(3)[None], box_min=-half, box_max=half)
+    return concatenate_landmarks(found, ground)
 
 
 def inside(place: np.ndarray) -> bool:
@@ -154,7 +159,7 @@ def see(
             "nij,nj->ni", np.sqrt(world.covariance[rows]), rng.normal(size=(len(rows), 6))
         )
         turn = [gtsam.Rot3.Expmap(w).matrix() for w in error[:, 3:]]
-        seen = take(world, rows)
+        seen = select_landmarks(world, rows)
         seen = replace(
             seen,
             position=seen.position + np.einsum("nij,nj->ni", seen.axes, error[:, :3]),
@@ -168,7 +173,7 @@ def window(sightings: list[Sighting], poses: list[gtsam.Pose3]) -> Landmarks:
     """The landmarks of some sightings in the frame of the poses: what the node publishes."""
     found = no_landmarks()
     for sighting in sightings:
-        found = join(found, moved(sighting.landmarks, poses[sighting.pose]))
+        found = concatenate_landmarks(found, moved(sighting.landmarks, poses[sighting.pose]))
     return found
 
 
@@ -214,7 +219,8 @@ def drive(seed: int = 1) -> Result:
               for part in (begin, end)]  # by row of the sets  # fmt: skip
     for i, j in association.pairs:
         (first, one, a), (second, other, b) = places[0][i], places[1][j]
-        graph.add(landmark_factor(first, second, take(one, [a]), take(other, [b])))
+        one, other = select_landmarks(one, [a]), select_landmarks(other, [b])
+        graph.add(landmark_factor(first, second, one, other))
 
     values = gtsam.Values()
     for k, pose in enumerate(odometry):

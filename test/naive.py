@@ -6,6 +6,7 @@ covariance).
 """
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -180,7 +181,7 @@ def segment(points, criterion, tau, order=None, k=10):
 
 
 def inherit(before, now, next_id):
-    """Ids of the segments of now; before: [(id, set of points)], now: [set of points]."""
+    """Ids of new segments; before: [(id, set of points)], now: [set of points]."""
     share = {(id_, s): len(old & new) for id_, old in before for s, new in enumerate(now)}
     ids = []
     for s in range(len(now)):
@@ -260,3 +261,76 @@ def cut(merges, segments, scale):
         group = [into if g == merged else g for g in group]
     names = sorted(set(group))
     return [names.index(g) for g in group]
+
+
+# --- tables and graphs -----------------------------------------------------------------------
+
+
+def contingency(rows, columns):
+    """{(row, column): number of items}; negative labels are left out."""
+    pairs = ((r, c) for r, c in zip(rows, columns, strict=True) if r >= 0 and c >= 0)
+    return Counter(pairs)
+
+
+def maximal_cliques(consistent, max_cliques):
+    """Greedy maximal cliques of a boolean matrix, each ascending, by descending size."""
+    adjacent = [set(np.flatnonzero(row).tolist()) for row in consistent]
+    free, cliques = set(range(len(adjacent))), []
+    while free and len(cliques) < max_cliques:
+        root = min(free, key=lambda v: (-len(adjacent[v]), v))
+        clique, joinable = {root}, set(adjacent[root])
+        while joinable:
+            best = min(joinable, key=lambda v: (-len(adjacent[v] & joinable), v))
+            clique.add(best)
+            joinable &= adjacent[best]
+        cliques.append(sorted(clique))
+        free -= clique
+    return sorted(cliques, key=len, reverse=True)
+
+
+# --- landmarks -------------------------------------------------------------------------------
+
+
+def landmark_residual(direction, determined, one, other):
+    """Residual (d,) of a landmark against another one, and its covariance (d, d).
+
+    direction: column of the axes that is the landmark's direction, None for a blob; determined:
+    the motions of six that it determines; one, other: position (3,), axes (3, 3), covariance
+    (6, 6) in the own axes. All is expressed in axes half-way between the two.
+    """
+    (p, axes_p, _), (q, axes_q, _) = one, other
+    frame, turn = np.eye(3), np.zeros(3)
+    if direction is not None:
+        u, v = axes_p[:, direction], axes_q[:, direction]
+        v = v if u @ v >= 0 else -v
+        normal = np.cross(u, v)
+        sine = np.linalg.norm(normal)
+        if sine > 0.0:
+            turn = 2.0 * math.tan(0.5 * math.atan2(sine, u @ v)) * normal / sine
+        frame[:, direction] = (u + v) / np.linalg.norm(u + v)
+        second = axes_p[:, (direction + 1) % 3]
+        second = second - (second @ frame[:, direction]) * frame[:, direction]
+        frame[:, (direction + 1) % 3] = second / np.linalg.norm(second)
+        frame[:, (direction + 2) % 3] = np.cross(
+            frame[:, direction], frame[:, (direction + 1) % 3]
+        )
+    covariance = np.zeros((6, 6))
+    for position, axes, own in (one, other):
+        carried = np.zeros((6, 6))  # a rotation about the position moves the point half-way
+        carried[:3, :3] = carried[3:, 3:] = frame.T @ axes
+        carried[:3, 3:] = frame.T @ np.cross(axes.T, (p + q) / 2 - position).T
+        covariance += carried @ own @ carried.T
+    residual = np.concatenate([frame.T @ (q - p), frame.T @ turn])
+    picked = list(determined)
+    return residual[picked], covariance[np.ix_(picked, picked)]
+
+
+def umeyama(points, targets, weights):
+    """Rigid transform (4, 4) of weighted least squares from points to targets (Umeyama 1991)."""
+    weights = weights / weights.sum()
+    centre, target = weights @ points, weights @ targets
+    u, _, vt = np.linalg.svd((targets - target).T @ (weights[:, None] * (points - centre)))
+    transform = np.eye(4)
+    transform[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    transform[:3, 3] = target - transform[:3, :3] @ centre
+    return transform

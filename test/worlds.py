@@ -1,13 +1,17 @@
-"""Made-up worlds of landmarks, and two looks at each: for tests of their association."""
+"""Synthetic worlds of landmarks, and two noisy observations of each."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.association.landmark_map import take
+from ellipseg_ros.association.candidates import Bounds
+from ellipseg_ros.association.landmark_map import select_landmarks
+from ellipseg_ros.association.pairing import landmark_arrays
 from ellipseg_ros.records import DETERMINED, Kind, Landmarks
 
+BOUNDS = Bounds(3.0, np.radians(10.0), 0.5, 2.0)
+PRIOR = np.repeat([1.0 / 3.0, 98.0], 3)  # of these bounds, 1/m^2 and 1/rad^2
 NOISE = {  # m or rad: of the determined motions, by kind
     Kind.PLANE: (0.02, 0.004, 0.004),
     Kind.LINE: (0.03, 0.03, 0.01, 0.01),
@@ -16,13 +20,13 @@ NOISE = {  # m or rad: of the determined motions, by kind
 
 
 @dataclass(frozen=True)
-class Looks:
+class TwoObservations:
     """Two sets of landmarks of one world."""
 
     earlier: Landmarks
     later: Landmarks
     T_earlier_later: np.ndarray
-    same: np.ndarray  # (m, 2) rows of both that are one thing
+    correspondences: np.ndarray  # (m, 2) rows of both that are one landmark
 
 
 def landmarks(kind, position, axes, half, covariance=None):
@@ -102,7 +106,7 @@ def moved(found, transform):
 
 
 def noisy(found, rng):
-    """The set as somebody sees it: errors of its covariance, other cuts, other signs of axes."""
+    """An observation: errors of the covariance, other parts of extended landmarks, other signs."""
     position, axes = found.position.copy(), found.axes.copy()
     for row in range(len(found)):
         kind = Kind(found.kind[row])
@@ -110,7 +114,7 @@ def noisy(found, rng):
         error[list(DETERMINED[kind])] = rng.normal(
             scale=np.sqrt(np.diag(found.covariance[row])[list(DETERMINED[kind])])
         )
-        slide = np.zeros(3)  # where another part of it is seen
+        slide = np.zeros(3)  # another part of it is observed
         free = {Kind.PLANE: 2, Kind.LINE: 1, Kind.BLOB: 0}[kind]
         slide[:free] = rng.uniform(-0.4, 0.4, free) * found.box_max[row, :free]
         position[row] += axes[row] @ (error[:3] + slide)
@@ -128,7 +132,7 @@ def noisy(found, rng):
 
 
 def drift(rng, length, degrees, about):
-    """A transform of that size: about a point, in a random direction."""
+    """A transform of this size about a point, in random directions: (4, 4)."""
     axis, way = rng.normal(size=(2, 3))
     turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
     transform = np.eye(4)
@@ -137,20 +141,21 @@ def drift(rng, length, degrees, about):
     return transform
 
 
-def looks(found, rng, length, degrees, seen=0.75):
-    """Two looks at a world; each sees a share of it, and the later one has drifted."""
+def observe_twice(found, rng, length, degrees, seen=0.75):
+    """Two observations of a share of a world each; the later one has drifted (m, degrees)."""
     n = len(found)
     rows = [np.flatnonzero(rng.random(n) < seen) for _ in range(2)]
     orders = [rng.permutation(r) for r in rows]
-    one, other = (noisy(take(found, r), rng) for r in orders)
+    one, other = (noisy(select_landmarks(found, r), rng) for r in orders)
     transform = drift(
         rng, length, degrees, other.position.mean(axis=0) if len(other) else np.zeros(3)
     )
     inverse = np.linalg.inv(transform)
     place = {thing: row for row, thing in enumerate(orders[1])}
-    same = [(row, place[thing]) for row, thing in enumerate(orders[0]) if thing in place]
-    # `drift` turns about the centroid of what is drawn; the later set is that, seen from afar.
-    return Looks(one, moved(other, inverse), transform, np.array(same, np.int64).reshape(-1, 2))
+    pairs = [(row, place[thing]) for row, thing in enumerate(orders[0]) if thing in place]
+    correspondences = np.array(pairs, np.int64).reshape(-1, 2)
+    # `drift` rotates about the centroid of the later set before it is moved away.
+    return TwoObservations(one, moved(other, inverse), transform, correspondences)
 
 
 def walls(n, rng, spacing=9.0):
@@ -174,3 +179,14 @@ def bushes(position):
     n = len(position)
     axes, half = np.tile(np.eye(3), (n, 1, 1)), np.tile([0.8, 0.7, 0.6], (n, 1))
     return landmarks(np.full(n, 2), position, axes, half)
+
+
+def arrays(found):
+    """A set as the kernels take it."""
+    return landmark_arrays(found, np.arange(len(found)), 0.02, np.radians(0.2))
+
+
+def one_of_each_kind(rng):
+    """Two observations of a plane, a line and a blob."""
+    few = select_landmarks(world(rng, planes=1, lines=1, blobs=1), [0, 1, 2])
+    return few, noisy(few, rng)

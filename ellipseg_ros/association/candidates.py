@@ -1,140 +1,154 @@
-"""Which landmark of before may be which of now, under any transform within the bounds."""
+"""Candidate pairs of landmarks, under any transform within the bounds, and their consistency."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.association.pairing import DEGREES, MOST, Things, compare, near, scratch
+from ellipseg_ros.association.constants import CLUTTER_PRIOR_PAIRS, MAX_CANDIDATES
+from ellipseg_ros.association.pairing import (
+    MAX_DEGREES,
+    MOTIONS,
+    LandmarkArrays,
+    compare,
+    may_match,
+    workspace,
+)
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, solve_lower, solve_upper
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import Array
 
 IDENTITY = np.eye(4)
-MOST_PAIRS = (
-    2_000_000  # that are looked at: thousands of landmarks that are all alike tell nothing
-)
 
 
 class Bounds(NamedTuple):
-    """How far the two sets may lie apart, and what else decides about candidates."""
+    """Largest motion between the two sets, and largest differences of a pair."""
 
     translation: float  # m, of the centroid of the later set
     rotation: float  # rad, about it
-    gap: float  # m between the extents of what is one surface, or one line
+    gap: float  # m between the extents of parts of one surface, or of one line
     ratio: float  # of sizes
 
 
 class Candidates(NamedTuple):
-    """Pairs that may be right, by later landmark; c of them."""
+    """Pairs that may correspond, by later landmark; c of them."""
 
     starts: Array  # (later + 1,) int64: those of j are starts[j] to starts[j + 1]
     earlier: Array  # (c,) int64, ascending within a later one
     later: Array  # (c,) int64
 
 
-class Claims(NamedTuple):
-    """What each pair says of the motion x (6,): x^T matrix x - 2 x^T vector + square."""
+class NormalEquations(NamedTuple):
+    """Squared residual of each pair after a motion x (6,): x^T matrix x - 2 x^T vector + square.
+
+    The squares are Mahalanobis distances.
+    """
 
     matrix: Array  # (c, 6, 6)
     vector: Array  # (c, 6)
     square: Array  # (c,)
 
 
-def candidates(earlier: Things, later: Things, centre: Array, bounds: Bounds) -> Candidates:
-    """Pairs of one kind and of like size, near enough to be one after a motion within bounds.
+class ConsistencyLimits(NamedTuple):
+    """Limits of the motion that aligns two consistent candidates."""
 
-    Raises InputError for more than MOST_PAIRS, each of which costs memory.
+    prior: Array  # (6,) 1/m^2, 1/rad^2: information that the motion is zero
+    square: float  # of the residuals, the motion's own by the prior included
+    translation: float  # m
+    rotation: float  # rad
+
+
+def find_candidates(
+    earlier: LandmarkArrays, later: LandmarkArrays, centre: Array, bounds: Bounds
+) -> Candidates:
+    """Pairs of one kind and of similar size that a motion within the bounds brings together.
+
+    centre (3,) m: centroid of the later set. Raises InputError for more than MAX_CANDIDATES.
     """
-    counts = np.zeros(len(later.kind) + 1, np.int64)
     possible = np.zeros((len(later.kind), len(earlier.kind)), np.bool_)
     for_rows(_gate, len(later.kind), earlier, later, centre, bounds, possible)
-    if np.count_nonzero(possible) > MOST_PAIRS:
+    if np.count_nonzero(possible) > MAX_CANDIDATES:
         raise InputError(
-            f"more than {MOST_PAIRS} pairs of landmarks may be the same; narrower bounds help",
+            f"more than {MAX_CANDIDATES} pairs of landmarks may correspond; narrower bounds help",
             "many",
         )
     j, i = np.nonzero(possible)
-    np.cumsum(np.bincount(j, minlength=len(later.kind)), out=counts[1:])
-    return Candidates(counts, i, j)
+    return Candidates(np.append(0, np.cumsum(possible.sum(axis=1))), i, j)
 
 
 @kernel
 def _gate(start, stop, earlier, later, centre, bounds, possible):
     translation, rotation, gap, ratio = bounds
     for j in range(start, stop):
-        lever = 0.0
+        square = 0.0
         for k in range(3):
-            lever += (later.position[j, k] - centre[k]) ** 2
-        far = translation + 2.0 * math.sin(0.5 * rotation) * math.sqrt(lever)
-        reach = (far, rotation, gap)
+            square += (later.position[j, k] - centre[k]) ** 2
+        far = translation + 2.0 * math.sin(0.5 * rotation) * math.sqrt(square)
+        tolerance = (far, rotation, gap)
         for i in range(len(earlier.kind)):
             if earlier.kind[i] != later.kind[j]:
                 continue
-            a, b = earlier.thickness[i], later.thickness[j]
+            a, b = earlier.size[i], later.size[j]
             if max(a, b) <= ratio * min(a, b):
-                possible[j, i] = near(earlier, later, i, j, IDENTITY, reach)
+                possible[j, i] = may_match(earlier, later, i, j, IDENTITY, tolerance)
 
 
-def claims(
-    earlier: Things, later: Things, centre: Array, pairs: Candidates, chosen: Array
-) -> Claims:
-    """What the chosen candidates say of the motion, about the centre."""
-    made = Claims(np.zeros((len(chosen), 6, 6)), np.zeros((len(chosen), 6)), np.zeros(len(chosen)))
-    _claim(earlier, later, centre, pairs, chosen, made, scratch())
+def normal_equations(
+    earlier: LandmarkArrays,
+    later: LandmarkArrays,
+    centre: Array,
+    pairs: Candidates,
+    chosen: Array,
+) -> NormalEquations:
+    """Normal equations of the chosen candidates, for a motion about the centre."""
+    count = len(chosen)
+    made = NormalEquations(np.zeros((count, 6, 6)), np.zeros((count, 6)), np.zeros(count))
+    _linearize(earlier, later, centre, pairs, chosen, made, workspace())
     return made
 
 
 @kernel
-def _claim(earlier, later, centre, pairs, chosen, made, found):
+def _linearize(earlier, later, centre, pairs, chosen, made, work):
     for n in range(len(chosen)):
         i, j = pairs.earlier[chosen[n]], pairs.later[chosen[n]]
-        rows = compare(earlier, later, i, j, IDENTITY, centre, found)
-        made.square[n] = add_claim(found, rows, made.matrix[n], made.vector[n])
+        degrees = compare(earlier, later, i, j, IDENTITY, centre, work)
+        made.square[n] = add_normal_equations(work, degrees, made.matrix[n], made.vector[n])
 
 
 @kernel
-def add_claim(found, rows, matrix, vector):
-    """Add J^T S^-1 J and -J^T S^-1 r of a compared pair; return r^T S^-1 r."""
-    factorize(found.noise, rows)
-    found.white[:] = found.r
-    solve_lower(found.noise, rows, found.white)
+def add_normal_equations(work, degrees, matrix, vector):
+    """Add J^T S^-1 J and -J^T S^-1 r of a compared pair; returns r^T S^-1 r."""
+    factorize(work.covariance, degrees)
+    work.whitened[:] = work.residual
+    solve_lower(work.covariance, degrees, work.whitened)
     for c in range(6):
-        solve_lower(found.noise, rows, found.jacobian[:, c])
+        solve_lower(work.covariance, degrees, work.jacobian[:, c])
     square = 0.0
-    for a in range(rows):
-        square += found.white[a] * found.white[a]
+    for a in range(degrees):
+        square += work.whitened[a] * work.whitened[a]
         for c in range(6):
-            vector[c] -= found.jacobian[a, c] * found.white[a]
+            vector[c] -= work.jacobian[a, c] * work.whitened[a]
             for d in range(6):
-                matrix[c, d] += found.jacobian[a, c] * found.jacobian[a, d]
+                matrix[c, d] += work.jacobian[a, c] * work.jacobian[a, d]
     return square
 
 
-class Limits(NamedTuple):
-    """What the motion of two candidates that agree must keep to."""
+def consistency(
+    equations: NormalEquations, pairs: Candidates, chosen: Array, limits: ConsistencyLimits
+) -> Array:
+    """(m, m) uint8: whether two of the chosen candidates can both be right.
 
-    prior: Array  # (6,): information that it is none
-    square: float  # at most, its own by the prior included
-    translation: float  # m
-    rotation: float  # rad
-
-
-def agreement(made: Claims, pairs: Candidates, chosen: Array, limits: Limits) -> Array:
-    """(m, m) uint8: whether two of the chosen candidates can be right at once.
-
-    They can if no landmark is in both, and if the motion that brings them together best, in the
-    sense of least squares, keeps to the limits.
+    They can if they share no landmark, and if the motion that aligns both best, in the sense of
+    least squares, keeps to the limits.
     """
-    agree = np.zeros((len(chosen), len(chosen)), np.uint8)
-    i, j = pairs.earlier[chosen], pairs.later[chosen]
-    _agree(made, i, j, limits, agree)
-    return agree
+    consistent = np.zeros((len(chosen), len(chosen)), np.uint8)
+    _compare_pairs(equations, pairs.earlier[chosen], pairs.later[chosen], limits, consistent)
+    return consistent
 
 
 @kernel
-def _agree(made, i, j, limits, agree):
+def _compare_pairs(equations, i, j, limits, consistent):
     prior, limit, translation, rotation = limits
     matrix, vector = np.empty((6, 6)), np.empty(6)
     for a in range(len(i)):
@@ -142,13 +156,13 @@ def _agree(made, i, j, limits, agree):
             if i[a] == i[b] or j[a] == j[b]:
                 continue
             for c in range(6):
-                vector[c] = made.vector[a, c] + made.vector[b, c]
+                vector[c] = equations.vector[a, c] + equations.vector[b, c]
                 for d in range(c + 1):
-                    matrix[c, d] = made.matrix[a, c, d] + made.matrix[b, c, d]
+                    matrix[c, d] = equations.matrix[a, c, d] + equations.matrix[b, c, d]
                 matrix[c, c] += prior[c]
             factorize(matrix, 6)
             solve_lower(matrix, 6, vector)
-            square = made.square[a] + made.square[b]
+            square = equations.square[a] + equations.square[b]
             for c in range(6):
                 square -= vector[c] * vector[c]
             if square > limit:
@@ -157,33 +171,37 @@ def _agree(made, i, j, limits, agree):
             straight = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
             turn = vector[3] ** 2 + vector[4] ** 2 + vector[5] ** 2
             if straight <= translation**2 and turn <= rotation**2:
-                agree[a, b] = agree[b, a] = 1
+                consistent[a, b] = consistent[b, a] = 1
 
 
 def clutter(
-    earlier: Things, later: Things, centre: Array, pairs: Candidates, bounds: Bounds
+    earlier: LandmarkArrays,
+    later: LandmarkArrays,
+    centre: Array,
+    pairs: Candidates,
+    bounds: Bounds,
 ) -> Array:
-    """(3, 4, 4): by kind, covariance of what candidates differ by, most of which are wrong.
+    """(3, 4, 4): covariance, by kind, of the residuals of wrong pairs.
 
-    With a little of what the bounds alone would say, for kinds with few candidates.
+    Estimated from all candidates, most of which are wrong, and a few pairs uniform within the
+    bounds, for kinds with few candidates.
     """
-    total, count = np.zeros((3, MOST, MOST)), np.zeros(3)
-    _scatter(earlier, later, centre, pairs, total, count, scratch())
-    few = 2.0
-    for kind, degrees in enumerate(DEGREES):
-        expected = np.full(MOST, bounds.translation**2 / 3.0)
-        expected[1 if kind == 0 else 2 if kind == 1 else 3 : degrees] = bounds.rotation**2 / 3.0
-        total[kind] = (total[kind] + few * np.diag(expected)) / (count[kind] + few)
+    total, count = np.zeros((3, MAX_DEGREES, MAX_DEGREES)), np.zeros(3)
+    _scatter(earlier, later, centre, pairs, total, count, workspace())
+    variance = bounds.translation**2 / 3.0, bounds.rotation**2 / 3.0  # of a uniform density
+    for kind in range(3):
+        total[kind] += CLUTTER_PRIOR_PAIRS * np.diag(np.where(MOTIONS[kind] < 3, *variance))
+        total[kind] /= count[kind] + CLUTTER_PRIOR_PAIRS
     return total
 
 
 @kernel
-def _scatter(earlier, later, centre, pairs, total, count, found):
+def _scatter(earlier, later, centre, pairs, total, count, work):
     for n in range(len(pairs.earlier)):
         i, j = pairs.earlier[n], pairs.later[n]
         kind = earlier.kind[i]
-        rows = compare(earlier, later, i, j, IDENTITY, centre, found)
-        for a in range(rows):
-            for b in range(rows):
-                total[kind, a, b] += found.r[a] * found.r[b]
+        degrees = compare(earlier, later, i, j, IDENTITY, centre, work)
+        for a in range(degrees):
+            for b in range(degrees):
+                total[kind, a, b] += work.residual[a] * work.residual[b]
         count[kind] += 1.0

@@ -1,4 +1,4 @@
-"""Landmarks that have left the window, kept to be recognized later."""
+"""Map of landmarks that have left the window, kept to be recognized later."""
 
 from dataclasses import dataclass, replace
 
@@ -8,10 +8,10 @@ from ellipseg_ros.config import MapConfig
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import SECOND, Array, Kind, Landmarks
 
-LARGEST = 1e8  # m: as with points, a coordinate beyond is no measurement
-WIDEST = 1e12  # m^2, rad^2: nor is what is uncertain by more than 1000 km
-ROUNDING = 1e-6  # of a covariance, by its largest value
-ROW_SHAPES = {  # of the arrays of Landmarks: of one row, and type
+MAX_COORDINATE = 1e8  # m: as with points, a coordinate beyond is no measurement
+MAX_COVARIANCE = 1e12  # m^2, rad^2: nor is an uncertainty of more than 1000 km
+ROUNDING = 1e-6  # share of the largest value of a covariance that may be rounding
+ROW_SHAPES = {  # of the arrays of Landmarks: shape of one row, and type
     "ids": ((), np.uint32),
     "kind": ((), np.uint8),
     "count": ((), np.int64),
@@ -27,8 +27,8 @@ ROW_SHAPES = {  # of the arrays of Landmarks: of one row, and type
 
 
 @dataclass(frozen=True)
-class Stored:
-    """What a map holds; row i of every array is one landmark, ascending by id."""
+class StoredMap:
+    """Content of a map; row i of every array is one landmark, ascending by id."""
 
     landmarks: Landmarks  # with ids of the map
     last_seen_ns: Array  # (l,) int64: end of the last window in which it was a landmark
@@ -36,7 +36,7 @@ class Stored:
     next_id: int  # from 1, never used twice
 
     def __post_init__(self) -> None:
-        check(self.landmarks)
+        check_landmarks(self.landmarks)
         ids = self.landmarks.ids.astype(np.int64)
         if len(self.last_seen_ns) != len(ids):
             raise InputError(f"{len(self.last_seen_ns)} times for {len(ids)} landmarks", "map")
@@ -48,26 +48,25 @@ class Stored:
 
 
 def no_landmarks() -> Landmarks:
-    """A set of none."""
+    """The empty set."""
     return Landmarks(
         **{name: np.zeros((0, *row), kind) for name, (row, kind) in ROW_SHAPES.items()}
     )
 
 
-def take(landmarks: Landmarks, rows: Array) -> Landmarks:
-    """Some rows of a set."""
+def select_landmarks(landmarks: Landmarks, rows: Array | slice) -> Landmarks:
+    """The given rows of a set, without the points and segments that they consist of."""
     return Landmarks(**{name: getattr(landmarks, name)[rows] for name in ROW_SHAPES})
 
 
-def join(one: Landmarks, other: Landmarks) -> Landmarks:
-    """The rows of both, those of the one first."""
-    return Landmarks(
-        **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in ROW_SHAPES}
-    )
+def concatenate_landmarks(first: Landmarks, second: Landmarks) -> Landmarks:
+    """The rows of two sets, without the points and segments that they consist of."""
+    both = {name: (getattr(first, name), getattr(second, name)) for name in ROW_SHAPES}
+    return Landmarks(**{name: np.concatenate(columns) for name, columns in both.items()})
 
 
-def check(landmarks: Landmarks) -> None:
-    """Refuse what are no landmarks: shapes, types, kinds, values, axes that are no rotation."""
+def check_landmarks(landmarks: Landmarks) -> None:
+    """Raise InputError for wrong shapes, types, kinds or values, or axes that are no rotation."""
     count = len(landmarks.ids)
     for name, (row, kind) in ROW_SHAPES.items():
         column = getattr(landmarks, name)
@@ -81,8 +80,7 @@ def check(landmarks: Landmarks) -> None:
     if (landmarks.kind >= len(Kind)).any():
         raise InputError(f"kind is {landmarks.kind.max()}; it must be below {len(Kind)}", "map")
     for name in ("position", "sigma", "box_min", "box_max", "axes"):
-        if np.abs(getattr(landmarks, name)).max(initial=0.0) > LARGEST:
-            raise InputError(f"{name} has a value beyond {LARGEST:g}; it is no measurement", "map")
+        _check_size(name, getattr(landmarks, name), MAX_COORDINATE)
     if (landmarks.sigma < 0.0).any() or (landmarks.box_min > landmarks.box_max).any():
         raise InputError("sigma is below 0, or box_min above box_max, of a landmark", "map")
     _check_covariance(landmarks.covariance)
@@ -91,85 +89,87 @@ def check(landmarks: Landmarks) -> None:
         raise InputError("axes of a landmark are no rotation", "map")
 
 
+def _check_size(name: str, column: Array, largest: float) -> None:
+    if np.abs(column).max(initial=0.0) > largest:
+        raise InputError(f"{name} has a value beyond {largest:g}; it is no measurement", "map")
+
+
 def _check_covariance(covariance: Array) -> None:
-    """Refuse what is none: every one must be symmetric, no variance negative or too large."""
-    largest = np.abs(covariance).max(axis=(1, 2), initial=0.0)
-    if largest.max(initial=0.0) > WIDEST:
-        raise InputError(f"covariance has a value beyond {WIDEST:g}; it is no measurement", "map")
+    """Refuse matrices that are too large, not symmetric, or have negative eigenvalues."""
+    _check_size("covariance", covariance, MAX_COVARIANCE)
+    rounding = ROUNDING * np.abs(covariance).max(axis=(1, 2), initial=0.0)
     apart = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(axis=(1, 2), initial=0.0)
-    least = np.linalg.eigvalsh(covariance).min(axis=1, initial=0.0)
-    if (apart > ROUNDING * largest).any() or (least < -ROUNDING * largest).any():
+    smallest = np.linalg.eigvalsh(covariance).min(axis=1, initial=0.0)
+    if (apart > rounding).any() or (smallest < -rounding).any():
         raise InputError("covariance of a landmark is not symmetric, or below 0", "map")
 
 
 class LandmarkMap:
-    """Takes landmarks that expire, if they were stable; gives those that expired long enough ago.
+    """Stores stable landmarks when they expire, and offers them for recognition after a delay.
 
-    The frame of the landmarks is that of the map: the odometry's, with its drift. A map without
-    landmarks takes that of the first that enter it.
+    The landmarks are in the frame of the odometry, with its drift. An empty map takes the frame
+    of the first landmarks that enter it.
     """
 
     def __init__(self, config: MapConfig) -> None:
         self.config = config
-        self.stored = Stored(no_landmarks(), np.zeros(0, np.int64), "", 1)
+        self.stored = StoredMap(no_landmarks(), np.zeros(0, np.int64), "", 1)
         self._live = no_landmarks()
         self._live_frame = ""
-        self._seen_ns = 0  # stamp of the last update
-        self._sequence = -1  # its number
-        self._known: set[int] = set()  # ids of live ones that the map has already
+        self._stamp_ns = 0  # of the last update
+        self._sequence = -1  # number of the last update
+        self._recognized: set[int] = set()  # ids of live landmarks that the map already has
 
     def clear(self) -> None:
         """Forget all landmarks, live ones too, and their frame; ids go on."""
-        self.stored = Stored(no_landmarks(), np.zeros(0, np.int64), "", self.stored.next_id)
+        self.stored = StoredMap(no_landmarks(), np.zeros(0, np.int64), "", self.stored.next_id)
         self._forget_live()
 
-    def load(self, stored: Stored) -> None:
-        """Take what was saved, instead of what is there."""
-        _compare(stored.frame_id, self._frame() or self._live_frame)
+    def load(self, stored: StoredMap) -> None:
+        """Replace the content of the map. Raises InputError for another frame."""
+        _check_frame(stored.frame_id, self._frame() or self._live_frame)
         self.stored = stored
-        self._known.clear()
+        self._recognized.clear()
 
     def update(self, live: Landmarks, stamp_ns: int, frame_id: str, sequence: int) -> None:
-        """Take the landmarks of an update; those that it has no more expire.
+        """Take the landmarks of an update; those of the previous one that are missing expire.
 
-        All of before expire if time, or the number of the update, does not go on: ids may have
-        begun anew. If the frame is another, they are forgotten instead. Raises InputError for
-        landmarks of another frame than that of those stored, and changes nothing.
+        All of the previous ones expire if the stamp or the sequence number goes back, as ids may
+        have started over. If the frame changes, they are forgotten instead. Raises InputError,
+        and changes nothing, for landmarks in another frame than the stored ones.
         """
-        check(live)
-        _compare(frame_id, self._frame())
+        check_landmarks(live)
+        _check_frame(frame_id, self._frame())
         if frame_id and self._live_frame not in ("", frame_id):
             self._forget_live()
-        anew = self._begins_anew(live, stamp_ns, sequence)
-        self._expire(take(self._live, anew | ~np.isin(self._live.ids, live.ids)))
-        self._known &= set() if anew else set(live.ids.tolist())
+        restarted = self._is_restart(live, stamp_ns, sequence)
+        expired = restarted | ~np.isin(self._live.ids, live.ids)
+        self._expire(select_landmarks(self._live, expired))
+        self._recognized &= set() if restarted else set(live.ids.tolist())
         if len(live):
             self._live_frame = frame_id or self._live_frame
-        self._live, self._seen_ns, self._sequence = live, stamp_ns, sequence
+        self._live, self._stamp_ns, self._sequence = live, stamp_ns, sequence
 
-    def recognized(self, ids: Array) -> None:
-        """Note ids of live landmarks that the map has: they do not enter it once more."""
-        self._known |= set(ids.tolist())
+    def mark_recognized(self, ids: Array) -> None:
+        """Note the ids of live landmarks that the map has: they do not enter it again."""
+        self._recognized |= set(ids.tolist())
 
-    def known(self) -> Stored:
-        """What expired at least `delay` before the last update: what is to be recognized."""
-        ripe = self.stored.last_seen_ns <= self._seen_ns - round(self.config.delay * SECOND)
-        # A map of another run may have later stamps: all of it is from before.
-        ripe |= self.stored.last_seen_ns > self._seen_ns
-        return replace(
-            self.stored,
-            landmarks=take(self.stored.landmarks, ripe),
-            last_seen_ns=self.stored.last_seen_ns[ripe],
-        )
+    def recognizable(self) -> StoredMap:
+        """Landmarks that expired at least `delay` before the last update."""
+        seen_ns = self.stored.last_seen_ns
+        old = seen_ns <= self._stamp_ns - round(self.config.delay * SECOND)
+        old |= seen_ns > self._stamp_ns  # the map of another run may have later stamps
+        landmarks = select_landmarks(self.stored.landmarks, old)
+        return replace(self.stored, landmarks=landmarks, last_seen_ns=seen_ns[old])
 
-    def _begins_anew(self, live: Landmarks, stamp_ns: int, sequence: int) -> bool:
-        """Whether an update is not of the run that the live landmarks are of.
+    def _is_restart(self, live: Landmarks, stamp_ns: int, sequence: int) -> bool:
+        """Whether an update comes from another run than the live landmarks.
 
-        The last one may come again. A landmark of one id keeps its kind, and when it was seen
-        first: that tells of a restart whose first updates were lost.
+        The last update may be repeated. Within a run, a landmark keeps its kind and the time when
+        it was first seen: that reveals a restart whose first updates were lost.
         """
-        again = (sequence, stamp_ns) == (self._sequence, self._seen_ns)
-        if stamp_ns < self._seen_ns or (sequence <= self._sequence and not again):
+        repeated = (sequence, stamp_ns) == (self._sequence, self._stamp_ns)
+        if stamp_ns < self._stamp_ns or (sequence <= self._sequence and not repeated):
             return True
         _, old, new = np.intersect1d(self._live.ids, live.ids, return_indices=True)
         return any(
@@ -179,31 +179,29 @@ class LandmarkMap:
 
     def _forget_live(self) -> None:
         self._live, self._live_frame = no_landmarks(), ""
-        self._known.clear()
+        self._recognized.clear()
 
     def _frame(self) -> str:
-        """That of the landmarks stored; empty if there are none, or if it is not known."""
+        """Frame of the stored landmarks; empty if there are none, or if it is not known."""
         return self.stored.frame_id if len(self.stored) else ""
 
-    def _expire(self, gone: Landmarks) -> None:
-        """Add those that are worth it; the oldest go if there are too many."""
-        age = self._seen_ns - gone.first_seen_ns
-        worth = gone.stability <= self.config.max_stability
-        worth &= age >= round(self.config.min_age * SECOND)
-        worth &= ~np.isin(gone.ids, np.fromiter(self._known, np.int64, len(self._known)))
-        added = take(gone, worth)
-        ids = np.arange(self.stored.next_id, self.stored.next_id + len(added), dtype=np.uint32)
-        landmarks = join(self.stored.landmarks, replace(added, ids=ids))
-        seen = np.append(self.stored.last_seen_ns, np.full(len(added), self._seen_ns, np.int64))
-        kept = slice(max(0, len(seen) - self.config.max_landmarks), None)
-        self.stored = Stored(
-            take(landmarks, kept),
-            seen[kept],
-            self._frame() or (self._live_frame if len(added) else ""),
-            self.stored.next_id + len(added),
-        )
+    def _expire(self, expired: Landmarks) -> None:
+        """Store the landmarks that are stable and new; the oldest go if there are too many."""
+        age = self._stamp_ns - expired.first_seen_ns
+        enters = expired.stability <= self.config.max_stability
+        enters &= age >= round(self.config.min_age * SECOND)
+        enters &= ~np.isin(expired.ids, np.array(sorted(self._recognized), np.int64))
+        added = select_landmarks(expired, enters)
+        next_id = self.stored.next_id + len(added)
+        added = replace(added, ids=np.arange(self.stored.next_id, next_id, dtype=np.uint32))
+        landmarks = concatenate_landmarks(self.stored.landmarks, added)
+        times = np.full(len(added), self._stamp_ns, np.int64)
+        seen_ns = np.concatenate([self.stored.last_seen_ns, times])
+        kept = slice(max(0, len(seen_ns) - self.config.max_landmarks), None)
+        frame = self._frame() or (self._live_frame if len(added) else "")
+        self.stored = StoredMap(select_landmarks(landmarks, kept), seen_ns[kept], frame, next_id)
 
 
-def _compare(frame_id: str, known: str) -> None:
+def _check_frame(frame_id: str, known: str) -> None:
     if known and frame_id and known != frame_id:
         raise InputError(f"landmarks are in frame {frame_id}; the map is in {known}", "frame")

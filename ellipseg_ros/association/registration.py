@@ -1,67 +1,84 @@
-"""The transform between two sets of landmarks, from pairs of them, and pairs from a transform."""
+"""Registration of two sets of landmarks: the transform from pairs, and pairs from a transform."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.association.candidates import Candidates, add_claim
-from ellipseg_ros.association.pairing import Things, compare, near, scratch, spread
+from ellipseg_ros.association.candidates import Candidates, add_normal_equations
+from ellipseg_ros.association.constants import (
+    BOUND_SIGMAS,
+    GATES,
+    MAX_INFORMATION,
+    MAX_STEPS,
+    STEP_TOLERANCE,
+)
+from ellipseg_ros.association.pairing import (
+    LandmarkArrays,
+    compare,
+    mahalanobis,
+    may_match,
+    workspace,
+)
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.core.linalg.cholesky import factorize, solve_lower, solve_upper
+from ellipseg_ros.core.linalg.cholesky import factorize, solve
 from ellipseg_ros.records import Array
 
-STEPS = 10  # of Gauss and Newton, at most; 3 or 4 do
-SMALL = 1e-6  # m and rad: no other step comes after one below it
-MOST = 1e30  # of information: more is none, but rounding, as the noise of a pair has a floor
-LIMITS = np.array([16.27, 18.47, 16.27])  # by kind: 99.9 % of chi^2 with 3, 4, 3 degrees
+
+class PairSet(NamedTuple):
+    """Two sets of landmarks and their candidate pairs."""
+
+    earlier: LandmarkArrays
+    later: LandmarkArrays
+    centre: Array  # (3,) m: centroid of the later set
+    pairs: Candidates
 
 
-class Fit(NamedTuple):
-    """A transform and what it rests on."""
+class Registration(NamedTuple):
+    """A transform and its uncertainty.
+
+    Small motions, translation and rotation, are left perturbations about the moved centre.
+    """
 
     transform: Array  # (4, 4) earlier <- later
-    information: Array  # (6, 6): translation, rotation; left perturbation at the moved centre
-    covariance: Array  # (6, 6): its inverse
+    information: Array  # (6, 6) 1/m^2, 1/rad^2
+    covariance: Array  # (6, 6) m^2, rad^2: its inverse
     log_determinant: float  # of the information
-    motion: Array  # (6,) m, rad: of the centre, and about it, from the identity
-    square: float  # sum of squares over the pairs, without the prior
+    motion: Array  # (6,) m, rad: translation of the centre, rotation vector about it
+    square: float  # sum of the squared Mahalanobis distances of the pairs, without the prior
 
 
 class Matches(NamedTuple):
     """Candidates that fit a transform, by descending likelihood."""
 
     candidate: Array  # (e,) int64, rows of the candidates
-    square: Array  # (e,): Mahalanobis distance, squared, the transform's uncertainty included
-    likelihood: Array  # (e,): logarithm of the density, likewise
-    given: Array  # (e,): logarithm of the density if the transform is taken as given
-    right: Array  # (e,) bool: the first with its landmarks
+    square: Array  # (e,): squared Mahalanobis distance, with the transform's uncertainty
+    log_likelihood: Array  # (e,): logarithm of the density, with the transform's uncertainty
+    log_likelihood_exact: Array  # (e,): the same if the transform is taken as exact
+    selected: Array  # (e,) bool: one to one, the most likely first
 
 
-def fit(
-    both: tuple[Things, Things], centre: Array, pairs: Candidates, chosen: Array, prior: Array,
-    start: Array,
-) -> Fit | None:  # fmt: skip
-    """Weighted least squares on SE(3) over the chosen pairs: Gauss-Newton, from a start (4, 4).
+def register(both: PairSet, chosen: Array, prior: Array, start: Array) -> Registration | None:
+    """Weighted least squares on SE(3) over the chosen pairs, by Gauss-Newton from a start (4, 4).
 
-    prior (6,): information that the motion of the centre, and about it, is none. None if rounding
-    leaves no number to tell, which only absurd covariances of the pairs bring about.
+    prior (6,) 1/m^2, 1/rad^2: information that the motion of the centre, and about it, is zero.
+    Returns None if rounding leaves no finite result, as absurd covariances can bring about.
     """
     transform, information, motion = start.copy(), np.zeros((6, 6)), np.zeros(6)
     out = (transform, information, motion)
-    square = _fit(*both, centre, pairs, chosen, prior, out, scratch())
-    bounded = (np.abs(information) < MOST).all()
+    square = _gauss_newton(*both, chosen, prior, out, workspace())
+    bounded = (np.abs(information) < MAX_INFORMATION).all()
     if not (bounded and np.isfinite(motion).all() and math.isfinite(square)):
         return None
-    covariance, log_determinant = _inverse(information, prior)
-    return Fit(transform, information, covariance, log_determinant, motion, square)
+    covariance, log_determinant = _invert(information, prior)
+    return Registration(transform, information, covariance, log_determinant, motion, square)
 
 
-def _inverse(information: Array, prior: Array) -> tuple[Array, float]:
+def _invert(information: Array, prior: Array) -> tuple[Array, float]:
     """The covariance, and the logarithm of the information's determinant.
 
-    The information is the prior's and more. Where that is lost to rounding, beside what other
-    directions have, the prior's is put in its place.
+    The information is at least the prior's. Where rounding has lost that, beside the much larger
+    information of other directions, the prior's is restored.
     """
     try:
         covariance = np.linalg.inv(information)
@@ -79,38 +96,35 @@ def _inverse(information: Array, prior: Array) -> tuple[Array, float]:
 
 
 @kernel
-def _fit(earlier, later, centre, pairs, chosen, prior, out, found):
+def _gauss_newton(earlier, later, centre, pairs, chosen, prior, out, work):
     transform, information, motion = out
-    vector, step, factor, place = np.zeros(6), np.zeros(6), np.zeros((6, 6)), np.zeros(3)
+    step, factor, pivot = np.zeros(6), np.zeros((6, 6)), np.zeros(3)
     square = 0.0
-    for _ in range(STEPS):
-        _motion(transform, centre, motion)
+    for _ in range(MAX_STEPS):
+        _motion_of(transform, centre, motion)
         information[:] = 0.0
         square = 0.0
-        for k in range(3):
-            place[k] = centre[k] + motion[k]
+        pivot[:] = centre + motion[:3]
         for k in range(6):
             information[k, k] = prior[k]
-            vector[k] = -prior[k] * motion[k]
+            step[k] = -prior[k] * motion[k]
         for n in chosen:
             i, j = pairs.earlier[n], pairs.later[n]
-            rows = compare(earlier, later, i, j, transform, place, found)
-            square += add_claim(found, rows, information, vector)
+            degrees = compare(earlier, later, i, j, transform, pivot, work)
+            square += add_normal_equations(work, degrees, information, step)
         factor[:] = information
-        step[:] = vector
         factorize(factor, 6)
-        solve_lower(factor, 6, step)
-        solve_upper(factor, 6, step)
-        _step(transform, place, step)
-        if np.abs(step).max() < SMALL:
+        solve(factor, 6, step)
+        _perturb(transform, pivot, step)
+        if np.abs(step).max() < STEP_TOLERANCE:
             break
-    _motion(transform, centre, motion)
+    _motion_of(transform, centre, motion)
     return square
 
 
 @kernel
-def _motion(transform, centre, motion):
-    """How the centre moves, and the turn about it as a rotation vector."""
+def _motion_of(transform, centre, motion):
+    """Write the translation of the centre, and the rotation vector about it."""
     for k in range(3):
         motion[k] = transform[k, 3] - centre[k]
         for a in range(3):
@@ -125,8 +139,8 @@ def _motion(transform, centre, motion):
 
 
 @kernel
-def _step(transform, place, step):
-    """Turn by the rotation vector step[3:] about the place, then move by step[:3] (Rodrigues)."""
+def _perturb(transform, pivot, step):
+    """Rotate by the vector step[3:] about the pivot, then translate by step[:3] (Rodrigues)."""
     angle = math.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
     a = 1.0 - angle * angle / 6.0 if angle < 1e-4 else math.sin(angle) / angle
     b = 0.5 if angle < 1e-4 else (1.0 - math.cos(angle)) / (angle * angle)
@@ -144,70 +158,65 @@ def _step(transform, place, step):
     turn[2, 1] += a * w[0]
     for c in range(4):
         shift = 1.0 if c == 3 else 0.0
-        for r in range(3):
-            column[r] = transform[r, c] - shift * place[r]
+        column[:] = transform[:3, c] - shift * pivot
         for r in range(3):
             turned = turn[r, 0] * column[0] + turn[r, 1] * column[1] + turn[r, 2] * column[2]
-            transform[r, c] = turned + shift * (place[r] + step[r])
+            transform[r, c] = turned + shift * (pivot[r] + step[r])
 
 
-def matches(
-    both: tuple[Things, Things], centre: Array, pairs: Candidates, found: Fit, gap: float
-) -> Matches:
-    """All candidates that agree with a transform, given its uncertainty."""
-    place = centre + found.motion[:3]
-    size = len(pairs.earlier)
+def match(both: PairSet, registration: Registration, gap: float) -> Matches:
+    """All candidates whose residual is within the gate, given the transform's uncertainty.
+
+    gap: m, between the boxes of a pair along its surface or line.
+    """
+    size = len(both.pairs.earlier)
     candidate, values = np.empty(size, np.int64), np.empty((size, 3))
-    given = (found.transform, place, found.covariance, gap)
-    earlier, later = both
-    count = _match(earlier, later, centre, pairs, given, (candidate, values), scratch())
+    pivot = both.centre + registration.motion[:3]
+    given = (registration.transform, pivot, registration.covariance, gap)
+    count = _match(*both, given, (candidate, values), workspace())
     order = np.argsort(-values[:count, 1], kind="stable")
     candidate, values = candidate[order], values[order]
-    right = _one_to_one(
-        pairs.earlier[candidate], pairs.later[candidate], len(earlier.kind), len(later.kind)
-    )
-    return Matches(candidate, values[:, 0], values[:, 1], values[:, 2], right)
+    i, j = both.pairs.earlier[candidate], both.pairs.later[candidate]
+    selected = _one_to_one(i, j, len(both.earlier.kind), len(both.later.kind))
+    return Matches(candidate, values[:, 0], values[:, 1], values[:, 2], selected)
 
 
 @kernel
-def _match(earlier, later, centre, pairs, given, out, found):
-    transform, place, uncertainty, gap = given
+def _match(earlier, later, centre, pairs, given, out, work):
+    transform, pivot, uncertainty, gap = given
     candidate, values = out
-    certain = np.zeros((6, 6))
+    exact = np.zeros((6, 6))
     straight = uncertainty[0, 0] + uncertainty[1, 1] + uncertainty[2, 2]
     turn = uncertainty[3, 3] + uncertainty[4, 4] + uncertainty[5, 5]
     count = 0
     for j in range(len(later.kind)):
-        lever = 0.0
+        radius = 0.0
         for k in range(3):
-            lever += (later.position[j, k] - centre[k]) ** 2
-        reach = (
-            4.0 * math.sqrt(straight) + 4.0 * math.sqrt(turn * lever),
-            4.0 * math.sqrt(turn),
-            gap,
-        )
+            radius += (later.position[j, k] - centre[k]) ** 2
+        far = BOUND_SIGMAS * math.sqrt(straight) + BOUND_SIGMAS * math.sqrt(turn * radius)
+        tolerance = (far, BOUND_SIGMAS * math.sqrt(turn), gap)
         for n in range(pairs.starts[j], pairs.starts[j + 1]):
             i = pairs.earlier[n]
-            if not near(earlier, later, i, j, transform, reach):
+            if not may_match(earlier, later, i, j, transform, tolerance):
                 continue
-            rows = compare(earlier, later, i, j, transform, place, found)
-            square, log_determinant = spread(found, rows, uncertainty)
-            if square <= LIMITS[earlier.kind[i]]:
+            degrees = compare(earlier, later, i, j, transform, pivot, work)
+            square, log_determinant = mahalanobis(work, degrees, uncertainty)
+            if square <= GATES[earlier.kind[i]]:
                 candidate[count], values[count, 0] = n, square
-                unit = rows * math.log(2.0 * math.pi)
+                unit = degrees * math.log(2.0 * math.pi)
                 values[count, 1] = -0.5 * (square + log_determinant + unit)
-                square, log_determinant = spread(found, rows, certain)
+                square, log_determinant = mahalanobis(work, degrees, exact)
                 values[count, 2] = -0.5 * (square + log_determinant + unit)
-                count += math.isfinite(values[count, 2])  # else its noise is lost to rounding
+                count += math.isfinite(values[count, 2])  # else rounding has lost its covariance
     return count
 
 
 @kernel
 def _one_to_one(i, j, earlier, later):
-    """(e,) bool: rows whose landmarks both are in no row before that is taken."""
-    right = np.zeros(len(i), np.bool_)
+    """(e,) bool: select every row both of whose landmarks are in no row selected before."""
+    selected = np.zeros(len(i), np.bool_)
     used_i, used_j = np.zeros(earlier, np.bool_), np.zeros(later, np.bool_)
     for n in range(len(i)):
         if not used_i[i[n]] and not used_j[j[n]]:
-            right[n] = used_i[i[n]] = used_j[j[n]] = True
-    return right
+            selected[n] = used_i[i[n]] = used_j[j[n]] = True
+    return selected

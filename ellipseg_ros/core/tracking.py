@@ -1,9 +1,10 @@
-"""Persistent ids: which segment of before is which segment of now."""
+"""Persistent ids: segments inherit them from the previous update through shared points."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from ellipseg_ros.core.contingency import Contingency, contingency, read_only
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.records import Array, Ragged, State
 
@@ -11,209 +12,154 @@ LAST_ID = 2**32 - 1  # of uint32
 
 
 class Tracks(NamedTuple):
-    """What became of the segments; s segments of now."""
+    """Identity of s segments."""
 
     ids: Array  # (s,) uint32
     state: Array  # (s,) uint8, see State
-    parents: Ragged  # (s,) rows of uint32, ascending: old ids that gave points, but the own one
-    removed: Array  # (r,) uint32, ascending
+    parents: Ragged  # (s,) rows of uint32, ascending: other old ids that gave points
+    removed: Array  # (r,) uint32, ascending: ids of the previous update that ended
 
 
-class Labelled(NamedTuple):
-    """Points and their segments."""
+class Matching(NamedTuple):
+    """Points that s new segments share with the old ones, and the best partner of each."""
 
-    arrival: Array  # (n,) int64 ascending
-    labels: Array  # (n,) int32, negative for none
-
-
-class Shares(NamedTuple):
-    """How many surviving points the old segments gave the new ones; pairs by new, then old row."""
-
-    starts: Array  # (s + 1,) int64: pairs of new segment k are starts[k] to starts[k + 1]
-    old: Array  # (p,) int32
-    points: Array  # (p,) int64
+    shared: Contingency  # points by new and old segment, without segments known to be the same
     best_old: Array  # (s,) int32: shares most points with it; ties: lower id; -1 for none
-    best_new: Array  # (old,) int32: holds most of its points; ties: lower row
+    best_new: Array  # (old,) int32: holds most of its points; ties: lower row; -1 for none
 
 
 class Tracker:
-    """Gives ids, from 1, and none twice until all of uint32 are used up.
+    """Assigns persistent ids, from 1, none twice until all of uint32 are used up.
 
-    It knows the segments of the last update by their points.
+    It recognizes the segments of the previous update by their points.
     """
 
     def __init__(self) -> None:
         self._next = 1
-        self._again = False  # whether ids are given that were given before
-        self._gone = np.zeros(0, np.uint32)  # ids that a reset has ended, not yet told
+        self._recycling = False  # whether ids are reused, all of uint32 having been given
+        self._ended = np.zeros(0, np.uint32)  # ids ended by a reset, not yet in `removed`
         self._forget()
 
     def reset(self) -> None:
-        """End all segments: the next update names them removed. Ids go on."""
-        self._gone = np.concatenate([self._gone, self._ids])
+        """End all segments: the next update reports them as removed. Ids go on."""
+        self._ended = np.concatenate([self._ended, self._ids])
         self._forget()
 
     def end(self) -> Array:
-        """End all segments; returns their ids, (r,) uint32 ascending. New ids go on."""
+        """End all segments; returns their ids, (r,) uint32 ascending. Ids go on."""
         nothing = np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros((0, 1))
         return self.assign(*nothing).removed
 
     def _forget(self) -> None:
-        self._arrival = np.zeros(0, np.int64)  # points of the last window
+        self._arrival = np.zeros(0, np.int64)  # points of the previous update
         self._labels = np.zeros(0, np.int32)  # their rows in the next two
         self._ids = np.zeros(0, np.uint32)
-        self._facts = np.zeros((0, 0))
+        self._features = np.zeros((0, 1))
 
     def assign(
-        self, arrival: Array, labels: Array, facts: Array, before: Array | None = None
+        self, arrival: Array, labels: Array, features: Array, same_as: Array | None = None
     ) -> Tracks:
-        """Name the segments of now.
+        """Give every segment of an update its id.
 
-        arrival (n,) int64 ascending; labels (n,) int32, rows of facts, negative for none;
-        facts (s, f): what makes a segment the same if it is bitwise equal, the count in column 0;
-        before (s,): rows of the last segments with the same points, where that is known, else -1:
-        it saves time, and changes nothing.
+        arrival (n,) int64, ascending: serial numbers of the points; labels (n,) int32: rows of
+        features, negative for none; features (s, f): a segment is unchanged if they are bitwise
+        equal, column 0 is its number of points; same_as (s,): the row of the previous segment
+        with the same points where that is known, else -1; it saves time, and changes nothing.
 
         A segment inherits the id of the old segment with which it shares most points, if of all
-        new segments it holds most of that one's surviving points. New ids ascend by row.
+        new segments it holds most of that one's remaining points. New ids ascend by row.
         """
-        if before is None:
-            before = np.full(len(facts), -1, np.int32)
-        now, last = Labelled(arrival, labels), Labelled(self._arrival, self._labels)
-        shares = _share(now, last, before, facts[:, 0], self._ids)
-        heirs = np.flatnonzero(shares.best_old >= 0)
-        heirs = heirs[shares.best_new[shares.best_old[heirs]] == heirs]
-        inherited = shares.best_old[heirs]
+        if same_as is None:
+            same_as = np.full(len(features), -1, np.int32)
+        matching = self._match(arrival, labels, features[:, 0], same_as)
+        heirs = np.flatnonzero(matching.best_old >= 0)
+        heirs = heirs[matching.best_new[matching.best_old[heirs]] == heirs]
+        inherited = matching.best_old[heirs]
 
-        ids = np.zeros(len(facts), np.uint32)
+        ids = np.zeros(len(features), np.uint32)
         ids[heirs] = self._ids[inherited]
         fresh = np.flatnonzero(ids == 0)
         ids[fresh] = self._new_ids(len(fresh))
 
-        state = np.full(len(facts), State.NEW, np.uint8)
-        state[heirs] = State.UPDATED
-        state[heirs[self._same(heirs, inherited, shares, facts)]] = State.UNCHANGED
-        ended = np.ones(len(self._ids), bool)
-        ended[inherited] = False
-        removed = np.sort(np.concatenate([self._gone, self._ids[ended]]))
-        parents = self._parents(shares, ids)
+        whole = (same_as >= 0) | _undivided(matching.shared, features[:, 0])
+        unchanged = whole[heirs] & (features[heirs] == self._features[inherited]).all(axis=1)
+        state = np.full(len(features), State.NEW, np.uint8)
+        state[heirs] = np.where(unchanged, State.UNCHANGED, State.UPDATED)
+        removed = np.concatenate([self._ended, np.delete(self._ids, inherited)])
+        tracks = Tracks(ids, state, self._parents(matching.shared, ids), np.sort(removed))
 
-        self._arrival, self._labels, self._ids, self._facts = arrival, labels, ids, facts
-        self._gone = np.zeros(0, np.uint32)
-        return Tracks(ids, state, parents, removed)
+        self._arrival, self._labels, self._ids, self._features = arrival, labels, ids, features
+        self._ended = np.zeros(0, np.uint32)
+        return tracks
+
+    def _match(self, arrival: Array, labels: Array, counts: Array, same_as: Array) -> Matching:
+        shape = len(same_as), len(self._ids)
+        previous = np.empty(len(labels), np.int32)
+        now, before = (arrival, labels), (self._arrival, self._labels)
+        arrays = (read_only(array) for array in (*now, *before, same_as))
+        _previous_labels(*arrays, previous)
+        shared = contingency(labels, previous, shape)
+        best_old, best_new = (np.full(size, -1, np.int32) for size in shape)
+        given = read_only(same_as), read_only(counts), read_only(self._ids)
+        _best_partners(shared.starts, shared.columns, shared.counts, given, best_old, best_new)
+        return Matching(shared, best_old, best_new)
 
     def _new_ids(self, count: int) -> Array:
         """(count,) uint32 ascending; when all are used up, from 1 on those that are free again."""
         if self._next + count > LAST_ID:
-            self._next, self._again = 1, True
-        if not self._again:
+            self._next, self._recycling = 1, True
+        if not self._recycling:
             ids = np.arange(self._next, self._next + count)
         else:
-            taken = np.concatenate([self._ids, self._gone])
+            taken = np.concatenate([self._ids, self._ended])
             ids = np.arange(self._next, self._next + count + len(taken))
             ids = ids[~np.isin(ids, taken)][:count]
         self._next = int(ids[-1]) + 1 if count else self._next
         return ids.astype(np.uint32)
 
-    def _same(self, heirs: Array, inherited: Array, shares: Shares, facts: Array) -> Array:
-        """(heirs,) bool: the same points and the same facts as before."""
-        if not len(heirs):
-            return np.zeros(0, bool)
-        one = shares.starts[heirs + 1] - shares.starts[heirs] == 1
-        whole = shares.points[shares.starts[heirs]] == facts[heirs, 0]
-        equal: Array = (facts[heirs] == self._facts[inherited]).all(axis=1)
-        same: Array = one & whole & equal
-        return same
-
-    def _parents(self, shares: Shares, ids: Array) -> Ragged:
-        new = np.repeat(np.arange(len(ids)), np.diff(shares.starts))
-        old_ids = self._ids[shares.old]
+    def _parents(self, shared: Contingency, ids: Array) -> Ragged:
+        new, old_ids = shared.rows, self._ids[shared.columns]
         other = old_ids != ids[new]
         new, old_ids = new[other], old_ids[other]
-        starts = np.zeros(len(ids) + 1, np.int64)
-        np.cumsum(np.bincount(new, minlength=len(ids)), out=starts[1:])
+        starts = np.append(0, np.cumsum(np.bincount(new, minlength=len(ids))))
         return Ragged(starts, old_ids[np.lexsort((old_ids, new))])
 
 
-def _share(now: Labelled, last: Labelled, before: Array, counts: Array, old_ids: Array) -> Shares:
-    segments, size = len(before), len(now.labels)
-    starts = np.zeros(segments + 1, np.int64)
-    pairs, points = np.empty(size, np.int32), np.empty(size, np.int64)
-    best_old = np.full(segments, -1, np.int32)
-    best_new = np.full(len(old_ids), -1, np.int32)
-    found = Shares(starts, pairs, points, best_old, best_new)
-    now, last = Labelled(*map(_to_read, now)), Labelled(*map(_to_read, last))
-    _fill(now, last, _to_read(before), _to_read(counts), _to_read(old_ids), found)
-    return found._replace(old=pairs[: starts[-1]], points=points[: starts[-1]])
-
-
-def _to_read(array: Array) -> Array:
-    """A view that cannot be written: of one type, so that the kernel is compiled once."""
-    view = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view
+def _undivided(shared: Contingency, counts: Array) -> Array:
+    """(s,) bool: segments all of whose points come from one old segment."""
+    single = np.flatnonzero(np.diff(shared.starts) == 1)
+    single = single[shared.counts[shared.starts[single]] == counts[single]]
+    undivided = np.zeros(len(counts), bool)
+    undivided[single] = True
+    return undivided
 
 
 @kernel
-def _fill(now, last, before, counts, old_ids, shares):
-    starts, pairs, points, best_old, best_new = shares
-    segments = len(starts) - 1
-    # The points of changed segments, by segment, in order: from which old one they come.
-    ends = np.zeros(segments + 1, np.int64)
-    for label in now.labels:
-        if label >= 0 and before[label] < 0:
-            ends[label + 1] += 1
-    for s in range(segments):
-        ends[s + 1] += ends[s]
-    place = ends.copy()
-    by_segment = np.empty(ends[segments], np.int32)
-    _old_rows(now, last, before, place, by_segment)
-    # What each old segment gave.
-    given = np.zeros(len(old_ids), np.int64)
-    most = np.zeros(len(old_ids), np.int64)
-    count = 0
-    for s in range(segments):
-        starts[s] = count
-        if before[s] >= 0:
-            given[before[s]] = counts[s]
-            pairs[count] = before[s]
-            count += 1
-        for k in range(ends[s], ends[s + 1]):
-            row = by_segment[k]
-            if row >= 0:
-                if given[row] == 0:
-                    pairs[count] = row
-                    count += 1
-                given[row] += 1
-        best = -1
-        for pair in range(starts[s], count):
-            row = pairs[pair]
-            points[pair] = given[row]
-            if (
-                best < 0
-                or given[row] > given[best]
-                or (given[row] == given[best] and old_ids[row] < old_ids[best])
-            ):
-                best = row
-            if given[row] > most[row]:
-                most[row] = given[row]
-                best_new[row] = s
-        best_old[s] = best
-        for pair in range(starts[s], count):
-            given[pairs[pair]] = 0
-    starts[segments] = count
-
-
-@kernel
-def _old_rows(now, last, before, place, by_segment):
-    """Write the old segments of the points of changed segments, -1 for none, each to its place."""
+def _previous_labels(arrival, labels, old_arrival, old_labels, same_as, previous):
+    """Write the old segment of every point, -1 for none, or if its segment is known to be old."""
     old = 0
-    for i in range(len(now.labels)):
-        label = now.labels[i]
-        if label < 0 or before[label] >= 0:
+    for i in range(len(labels)):
+        previous[i] = -1
+        if labels[i] < 0 or same_as[labels[i]] >= 0:
             continue
-        while old < len(last.arrival) and last.arrival[old] < now.arrival[i]:
+        while old < len(old_arrival) and old_arrival[old] < arrival[i]:
             old += 1
-        known = old < len(last.arrival) and last.arrival[old] == now.arrival[i]
-        by_segment[place[label]] = last.labels[old] if known else -1
-        place[label] += 1
+        if old < len(old_arrival) and old_arrival[old] == arrival[i]:
+            previous[i] = old_labels[old]
+
+
+@kernel
+def _best_partners(starts, columns, counts, given, best_old, best_new):
+    same_as, sizes, old_ids = given
+    most = np.zeros(len(old_ids), np.int64)  # points in the best new segment of every old one
+    for new in range(len(best_old)):
+        best, shared = same_as[new], 0
+        if best >= 0:
+            best_new[best], most[best] = new, sizes[new]
+        for entry in range(starts[new], starts[new + 1]):
+            old, points = columns[entry], counts[entry]
+            if points > shared or (points == shared and old_ids[old] < old_ids[best]):
+                best, shared = old, points
+            if points > most[old]:
+                best_new[old], most[old] = new, points
+        best_old[new] = best

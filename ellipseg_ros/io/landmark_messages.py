@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.association.landmark_map import check
+from ellipseg_ros.association.landmark_map import check_landmarks
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.records import Array, Landmarks
@@ -43,7 +43,7 @@ def read_landmarks(message: Any) -> Landmarks:
     )
     if (np.diff(found.ids.astype(np.int64)) == 0).any():
         raise InputError("a landmark's id occurs twice", "ids")
-    check(found)
+    check_landmarks(found)
     return found
 
 

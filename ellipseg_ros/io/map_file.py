@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.association.landmark_map import ROW_SHAPES, Stored
+from ellipseg_ros.association.landmark_map import ROW_SHAPES, StoredMap
 from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.formats.npz import check_archive
@@ -22,7 +22,7 @@ LARGEST = 512 * 1024 * 1024  # bytes when unpacked: half a million landmarks
 NAMES = ("format", "version", "frame_id", "next_id", "last_seen_ns", *ROW_SHAPES)
 
 
-def write_map(path: Path, stored: Stored) -> None:
+def write_map(path: Path, stored: StoredMap) -> None:
     """Write a map; a file that is there is replaced at once, or not at all.
 
     Raises InputError if that cannot be done.
@@ -39,7 +39,7 @@ def write_map(path: Path, stored: Stored) -> None:
         np.savez_compressed(file, **values)
 
 
-def read_map(path: Path) -> Stored:
+def read_map(path: Path) -> StoredMap:
     """Read a map. Raises InputError, in one line, for what is none."""
     try:
         check_archive(path, LARGEST)
@@ -54,7 +54,7 @@ def read_map(path: Path) -> Stored:
     return _checked(path, values)
 
 
-def _checked(path: Path, values: dict[str, Array]) -> Stored:
+def _checked(path: Path, values: dict[str, Array]) -> StoredMap:
     missing = [name for name in NAMES if name not in values]
     if missing:
         raise InputError(f"{path} is no map of landmarks: it has no {missing[0]}", "map")
@@ -73,7 +73,7 @@ def _checked(path: Path, values: dict[str, Array]) -> Stored:
         raise InputError(f"{path}: ids must be a row", "map")
     try:
         landmarks = Landmarks(**{name: values[name] for name in ROW_SHAPES})
-        return Stored(
+        return StoredMap(
             landmarks, values["last_seen_ns"], str(values["frame_id"]), int(values["next_id"])
         )
     except InputError as error:

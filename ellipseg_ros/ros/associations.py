@@ -4,7 +4,7 @@ from geometry_msgs.msg import Point, Quaternion, Transform, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.association.landmark_map import Stored
+from ellipseg_ros.association.landmark_map import StoredMap
 from ellipseg_ros.io.messages import quaternions
 from ellipseg_ros.msg import Association, LandmarkPair
 from ellipseg_ros.records import SECOND, Array, Landmarks
@@ -16,7 +16,7 @@ LIKELY, UNLIKELY = (0.1, 0.8, 0.2), (0.9, 0.6, 0.1)  # colours, by what the verd
 
 
 def association_message(
-    found: Found, known: Stored, live: Landmarks, header: Header
+    found: Found, known: StoredMap, live: Landmarks, header: Header
 ) -> Association:
     """What was found, with the ids of the map and of the topic."""
     matrix = found.T_earlier_later
@@ -40,7 +40,7 @@ def association_message(
     )
 
 
-def _pair(found: Found, row: int, known: Stored, live: Landmarks) -> LandmarkPair:
+def _pair(found: Found, row: int, known: StoredMap, live: Landmarks) -> LandmarkPair:
     i, j = found.pairs[row]
     made = LandmarkPair(
         map_id=int(known.landmarks.ids[i]),
@@ -54,7 +54,7 @@ def _pair(found: Found, row: int, known: Stored, live: Landmarks) -> LandmarkPai
 
 
 def association_markers(
-    found: Found, known: Stored, live: Landmarks, header: Header
+    found: Found, known: StoredMap, live: Landmarks, header: Header
 ) -> MarkerArray:
     """A line from every landmark to its like in the map; none takes the old lines away."""
     marker = Marker(header=header, ns=NAMESPACE, action=Marker.DELETE, type=Marker.LINE_LIST)

@@ -95,14 +95,14 @@ class AssociatorNode:
             check_name("frame_id", msg.header.frame_id)
             stamp_ns = read_stamp(msg.header.stamp)
             self._map.update(live, stamp_ns, msg.header.frame_id, msg.sequence)
-            known = self._map.known()
+            known = self._map.recognizable()
             found = associate(known.landmarks, live, self._config)
         except InputError as error:
             self._health.rejected(str(error))
             self._log.warning(f"landmarks rejected: {error}", **throttled())
             return
         if found.verdict.has_transform:
-            self._map.recognized(live.ids[found.pairs[:, 1]])
+            self._map.mark_recognized(live.ids[found.pairs[:, 1]])
         send(self._associations, lambda: association_message(found, known, live, msg.header))
         send(self._markers, lambda: association_markers(found, known, live, msg.header))
         self._health.updated(found, time.monotonic() - started)

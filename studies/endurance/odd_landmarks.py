@@ -67,7 +67,7 @@ def _recognize(stored: LandmarkMap, message: Any, tally: Tally) -> None:
     live = read_landmarks(message)
     stamp_ns, frame_id = read_stamp(message.header.stamp), message.header.frame_id
     stored.update(live, stamp_ns, frame_id, message.sequence)
-    found = associate(stored.known().landmarks, live, AssociationConfig())
+    found = associate(stored.recognizable().landmarks, live, AssociationConfig())
     tally.updates += 1
     for name in (
         "probability",

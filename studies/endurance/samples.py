@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from ellipseg_ros.association.landmark_map import Stored
+from ellipseg_ros.association.landmark_map import StoredMap
 from ellipseg_ros.io.bag import CLOUD
 from ellipseg_ros.io.bag_writer import RECORDING
 from ellipseg_ros.io.map_file import write_map
@@ -131,7 +131,7 @@ def _map(path: Path) -> None:
         stability=np.zeros(n),
         first_seen_ns=np.zeros(n, np.int64),
     )
-    write_map(path, Stored(landmarks, np.zeros(n, np.int64), "odom", n + 1))
+    write_map(path, StoredMap(landmarks, np.zeros(n, np.int64), "odom", n + 1))
 
 
 def _parameters(path: Path) -> None:

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ellipseg_ros.association.associate import associate, difference
-from ellipseg_ros.association.landmark_map import take
+from ellipseg_ros.association.associate import associate, pair_residual
+from ellipseg_ros.association.landmark_map import select_landmarks
 from ellipseg_ros.config import AssociationConfig
 from ellipseg_ros.records import Array, Association, Kind, Landmarks, Sweep
 from studies.landmarks.agreement import (
@@ -78,7 +78,7 @@ def recognition(sets: Sets, drift: tuple[float, float], seed: int, honest: bool)
     honest: the landmarks know their covariance. Else the limits of agreement stand for it.
     """
     rows = [of_budget(one) for one in sets[:2]]
-    earlier, later = take(sets.earlier, rows[0]), take(sets.later, rows[1])
+    earlier, later = select_landmarks(sets.earlier, rows[0]), select_landmarks(sets.later, rows[1])
     same = matrix(agreeing(earlier, later), len(earlier), len(later))
     transform = drifted(later, drift, np.random.default_rng([seed, round(10 * drift[0])]))
     away = moved(later, np.linalg.inv(transform))
@@ -126,7 +126,7 @@ def drifted(later: Landmarks, drift: tuple[float, float], rng: np.random.Generat
 def correct(earlier: Landmarks, later: Landmarks, pair: Array) -> bool:
     """Whether a pair, in one frame, lies within LOOSE times the limits of agreement."""
     i, j = int(pair[0]), int(pair[1])
-    r = difference(earlier, later, (i, j), np.eye(4)).r
+    r = pair_residual(earlier, later, (i, j), np.eye(4)).residual
     kind = Kind(earlier.kind[i])
     straight = {Kind.PLANE: 1, Kind.LINE: 2, Kind.BLOB: 3}[kind]
     offset, angle = (float(np.linalg.norm(part)) for part in (r[:straight], r[straight:]))

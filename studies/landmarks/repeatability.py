@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ellipseg_ros.association.landmark_map import take
+from ellipseg_ros.association.landmark_map import select_landmarks
 from ellipseg_ros.landmarks.motions import motions, normalised
 from ellipseg_ros.records import Array, Kind, Landmarks
 from studies.landmarks.agreement import Pairs, agreeing, matrix, moved
@@ -96,7 +96,7 @@ def scores(passes: TwoPasses, here: Landmarks, later: Landmarks) -> dict[str, An
 def found_again(landmarks: Landmarks, others: Landmarks, rows: Array) -> Array:
     """(r,) bool: whether the landmarks `rows` agree with any of the others."""
     found = [
-        np.isin(np.arange(len(part)), agreeing(take(landmarks, part), others).earlier)
+        np.isin(np.arange(len(part)), agreeing(select_landmarks(landmarks, part), others).earlier)
         for part in np.array_split(rows, -(-len(rows) // AT_ONCE))
         if len(part)
     ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ellipseg_ros.core.contingency import contingency
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import Array
 
@@ -66,9 +67,10 @@ def overlaps(labels: Array, truth: Array) -> Overlaps:
         raise InputError(f"there are {len(labels)} labels for {len(truth)} points", "shape")
     our_values, ours = np.unique(labels, return_inverse=True)
     true_values, theirs = np.unique(truth, return_inverse=True)
-    width = max(1, len(true_values))
-    pairs, count = np.unique(ours.astype(np.int64) * width + theirs, return_counts=True)
-    return Overlaps(pairs // width, pairs % width, count, our_values, true_values)
+    ours, theirs = ours.reshape(-1).astype(np.int32), theirs.reshape(-1).astype(np.int32)
+    table = contingency(ours, theirs, (len(our_values), len(true_values)))
+    pairs = table.rows.astype(np.int64), table.columns.astype(np.int64)
+    return Overlaps(*pairs, table.counts, our_values, true_values)
 
 
 def score_partition(labels: Array, classes: Array, edges: Array) -> PartitionScores:

@@ -10,9 +10,9 @@ import worlds
 from ellipseg_ros.association.landmark_map import (
     ROW_SHAPES,
     LandmarkMap,
-    Stored,
+    StoredMap,
     no_landmarks,
-    take,
+    select_landmarks,
 )
 from ellipseg_ros.config import MapConfig
 from ellipseg_ros.errors import InputError
@@ -46,11 +46,11 @@ def test_what_expires_enters_with_an_id_of_the_map_and_its_last_stamp():
     found, live = LandmarkMap(CONFIG), world()
     found.update(live, 5 * SECOND, "odom", 5)
     assert not len(found.stored)
-    found.update(take(live, slice(10, None)), 6 * SECOND, "odom", 6)
+    found.update(select_landmarks(live, slice(10, None)), 6 * SECOND, "odom", 6)
     assert found.stored.landmarks.ids.tolist() == list(range(1, 11))
     assert set(found.stored.last_seen_ns) == {5 * SECOND}
     np.testing.assert_array_equal(found.stored.landmarks.position, live.position[:10])
-    found.update(take(live, slice(12, None)), 7 * SECOND, "odom", 7)
+    found.update(select_landmarks(live, slice(12, None)), 7 * SECOND, "odom", 7)
     assert found.stored.landmarks.ids.tolist() == list(range(1, 13))
 
 
@@ -68,7 +68,7 @@ def test_what_was_recognized_enters_only_once():
     found = filled()
     n = len(found.stored)
     found.update(world(1), 20 * SECOND, "odom", 20)
-    found.recognized(np.array([2, 3], np.uint32))
+    found.mark_recognized(np.array([2, 3], np.uint32))
     found.update(world(1), 21 * SECOND, "odom", 21)
     found.update(no_landmarks(), 22 * SECOND, "odom", 22)
     assert len(found.stored) == 2 * n - 2
@@ -77,9 +77,9 @@ def test_what_was_recognized_enters_only_once():
 def test_it_is_recognized_after_the_delay():
     found = filled()
     found.update(no_landmarks(), 14 * SECOND, "odom", 14)
-    assert not len(found.known())
+    assert not len(found.recognizable())
     found.update(no_landmarks(), 15 * SECOND, "odom", 15)
-    assert len(found.known()) == len(found.stored) > 0
+    assert len(found.recognizable()) == len(found.stored) > 0
 
 
 def test_of_too_many_the_oldest_go_and_ids_go_on():
@@ -94,7 +94,7 @@ def test_when_time_jumps_back_all_live_ones_expire():
     found = LandmarkMap(CONFIG)
     found.update(world(), 50 * SECOND, "odom", 50)
     found.update(world(1), 1 * SECOND, "odom", 1)  # of another run, with the same ids
-    assert len(found.stored) == len(world()) == len(found.known())
+    assert len(found.stored) == len(world()) == len(found.recognizable())
 
 
 def first_seen(second, seed=0):
@@ -129,7 +129,7 @@ def test_an_update_that_comes_again_changes_nothing():
 def test_what_was_recognized_before_a_new_beginning_bars_nothing_after_it(stamp, number):
     found = LandmarkMap(CONFIG)
     found.update(world(), 50 * SECOND, "odom", 50)
-    found.recognized(world().ids)
+    found.mark_recognized(world().ids)
     found.update(world(1), stamp * SECOND, "odom", number)
     assert not len(found.stored)
     found.update(no_landmarks(), (stamp + 1) * SECOND, "odom", number + 1)
@@ -170,7 +170,7 @@ def test_landmarks_of_another_frame_are_refused():
     with pytest.raises(InputError, match="in frame map; the map is in odom"):
         found.update(world(), 7 * SECOND, "map", 7)
     with pytest.raises(InputError, match="in frame map; the map is in odom"):
-        found.load(Stored(no_landmarks(), np.zeros(0, np.int64), "map", 1))
+        found.load(StoredMap(no_landmarks(), np.zeros(0, np.int64), "map", 1))
 
 
 def test_a_file_gives_back_every_bit(tmp_path):
@@ -181,7 +181,7 @@ def test_a_file_gives_back_every_bit(tmp_path):
     write_map(path, replace(stored, frame_id="elsewhere"))  # over the old one
     assert read_map(path).frame_id == "elsewhere"
     assert [p.name for p in tmp_path.iterdir()] == ["map.npz"]
-    empty = Stored(no_landmarks(), np.zeros(0, np.int64), "", 1)
+    empty = StoredMap(no_landmarks(), np.zeros(0, np.int64), "", 1)
     write_map(path, empty)
     same(read_map(path), empty)
 

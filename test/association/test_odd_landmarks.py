@@ -9,7 +9,7 @@ import worlds
 
 from ellipseg_ros.association import candidates
 from ellipseg_ros.association.associate import associate
-from ellipseg_ros.association.landmark_map import LandmarkMap, check, no_landmarks
+from ellipseg_ros.association.landmark_map import LandmarkMap, check_landmarks, no_landmarks
 from ellipseg_ros.config import MapConfig
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io import landmark_messages
@@ -42,7 +42,7 @@ def test_far_and_vague_landmarks_are_associated():
     stored = LandmarkMap(MapConfig())
     for number, live in enumerate((far, no_landmarks(), far)):
         stored.update(live, (100, 101, 200)[number] * SECOND, "odom", number)
-    known = stored.known().landmarks
+    known = stored.recognizable().landmarks
     assert len(known) == 2
     found = associate(known, far)
     variances = np.linalg.eigvalsh(found.covariance)
@@ -84,9 +84,9 @@ def altered(column, value, place):
     ],
 )
 def test_numbers_that_are_no_measurement_are_refused(good, name, value, place, why):
-    check(good)
+    check_landmarks(good)
     with pytest.raises(InputError, match=why):
-        check(replace(good, **{name: altered(getattr(good, name), value, place)}))
+        check_landmarks(replace(good, **{name: altered(getattr(good, name), value, place)}))
 
 
 def test_too_many_landmarks_are_refused_before_they_are_read(monkeypatch):
@@ -98,7 +98,7 @@ def test_too_many_landmarks_are_refused_before_they_are_read(monkeypatch):
 
 def test_too_many_pairs_are_refused_before_they_are_made(good, monkeypatch):
     assert len(associate(good, good)) > 5
-    monkeypatch.setattr(candidates, "MOST_PAIRS", 5)
+    monkeypatch.setattr(candidates, "MAX_CANDIDATES", 5)
     with pytest.raises(InputError, match="more than 5 pairs"):
         associate(good, good)
 

@@ -10,7 +10,7 @@ from stages import graph_of
 
 from ellipseg_ros.config import Config, ObjectsConfig
 from ellipseg_ros.core import jit
-from ellipseg_ros.core.adjacency import boundaries
+from ellipseg_ros.core.adjacency import segment_adjacency
 from ellipseg_ros.core.ellipsoids import COVARIANCE, EIGENVALUES, WIDTH, segment_moments, shape
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
 from ellipseg_ros.objects.agglomeration import merge_segments
@@ -51,7 +51,7 @@ def rows_of(graph):
 @pytest.mark.parametrize(("cloud", "n"), [(street, 150), (grid, 120), (street, 3)])
 def test_boundaries_are_the_edges_between_segments(cloud, n):
     _, graph, labels, segments = labelled(cloud, n)
-    found = boundaries(graph.neighbours.rows, labels, segments)
+    found = segment_adjacency(graph.neighbours.rows, labels, segments)
     expected = naive.boundaries(lists_of(graph), labels)
     assert list(zip(found.a, found.b, strict=True)) == sorted(expected)
     assert list(found.edge_count) == [expected[pair] for pair in sorted(expected)]
@@ -86,7 +86,7 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
         own[s, COVARIANCE : COVARIANCE + 6] = moments[s][2][UPPER]
         shape(own, s)
     features = segment_features(graph.nodes, labels, segments)
-    adjacency = boundaries(graph.neighbours.rows, labels, segments)
+    adjacency = segment_adjacency(graph.neighbours.rows, labels, segments)
     found = merge_segments(own, features, adjacency, thickness)
     lengths = naive.boundaries(lists_of(graph), labels)
     expected = naive.hierarchy(moments, dict(enumerate(features)), lengths, thickness)
@@ -226,7 +226,7 @@ def test_few_and_equal_points(points):
 def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
     own = moments_of(points, labels, segments)
-    adjacency = boundaries(graph.neighbours.rows, labels, segments)
+    adjacency = segment_adjacency(graph.neighbours.rows, labels, segments)
     what = (points, graph.nodes, labels, own, adjacency, ObjectsConfig())
     expected = find_objects(*what)
     monkeypatch.setattr(jit, "THREADS", threads)

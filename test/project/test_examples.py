@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from ellipseg_ros.association.landmark_map import take
+from ellipseg_ros.association.landmark_map import select_landmarks
 from ellipseg_ros.records import Verdict
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "close_loop.py"
@@ -44,7 +44,7 @@ def test_the_derivatives_of_the_factor(close_loop, kind, key):
     rng = np.random.default_rng(kind)
     world = close_loop.town(rng)
     poses = close_loop.true_poses()[:2]
-    one = take(world, [np.flatnonzero(world.kind == kind)[0]])
+    one = select_landmarks(world, [np.flatnonzero(world.kind == kind)[0]])
     seen = [close_loop.moved(one, pose.inverse()) for pose in poses]
     factor = close_loop.landmark_factor(0, 1, *seen)
     values = gtsam.Values()

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.association.associate import associate
-from ellipseg_ros.association.landmark_map import Stored, no_landmarks, take
+from ellipseg_ros.association.landmark_map import StoredMap, no_landmarks, select_landmarks
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.map_file import read_map, write_map
 from ellipseg_ros.msg import Association, Landmark, LandmarkArray
@@ -52,7 +52,7 @@ def message(found, stamp, frame_id="odom"):
 
 def scene(seed=0, drift=(1.0, 4.0)):
     rng = np.random.default_rng(seed)
-    return worlds.looks(worlds.world(rng), rng, *drift)
+    return worlds.observe_twice(worlds.world(rng), rng, *drift)
 
 
 class Meeting:
@@ -213,11 +213,11 @@ def test_parameters_change_live_but_for_the_file(node):
 
 def test_a_flood_of_calls_for_the_file_is_refused_in_the_end(domain, tmp_path):
     earlier = scene(3).earlier
-    many = take(earlier, np.arange(20_000) % len(earlier))
+    many = select_landmarks(earlier, np.arange(20_000) % len(earlier))
     ids = np.arange(1, len(many) + 1, dtype=np.uint32)
     seen = np.full(len(ids), 5 * SECOND)
     path = tmp_path / "map.npz"
-    write_map(path, Stored(replace(many, ids=ids), seen, "odom", len(ids) + 1))
+    write_map(path, StoredMap(replace(many, ids=ids), seen, "odom", len(ids) + 1))
     arguments = ["-p", f"map_file:={path}", "-r", "__ns:=/flooded"]
     with running("associator_node", arguments, tmp_path / "log"), peer(domain) as me:
         refused = []
@@ -238,7 +238,8 @@ def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
     path = tmp_path / "map.npz"
     ids = np.arange(1, len(looks.earlier) + 1, dtype=np.uint32)
     seen = np.full(len(ids), 5 * SECOND)
-    write_map(path, Stored(take(looks.earlier, slice(None)), seen, "odom", int(ids[-1]) + 1))
+    landmarks = select_landmarks(looks.earlier, slice(None))
+    write_map(path, StoredMap(landmarks, seen, "odom", int(ids[-1]) + 1))
     with (
         running(
             "associator_node", ["-p", f"map_file:={path}", "-r", "__ns:=/two"], tmp_path / "log"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import worlds
 
-from ellipseg_ros.association.landmark_map import take
+from ellipseg_ros.association.landmark_map import select_landmarks
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import SECOND, Sweep
 from studies.landmarks.recognition import (
@@ -25,13 +25,15 @@ from studies.landmarks.recording import windows
 
 
 def sets(seed=0):
-    """Two looks at a world, in one frame; the things are numbered."""
+    """Two observations of a world, in one frame; the things are numbered."""
     rng = np.random.default_rng(seed)
-    looks = worlds.looks(worlds.world(rng, lines=40), rng, 0.0, 0.0)
+    looks = worlds.observe_twice(worlds.world(rng, lines=40), rng, 0.0, 0.0)
     number = np.arange(len(looks.later))
     earlier = np.full(len(looks.earlier), 1000) + np.arange(len(looks.earlier))
-    earlier[looks.same[:, 0]] = number[looks.same[:, 1]]
-    return Sets(looks.earlier, looks.later, whole(earlier), whole(number)), len(looks.same)
+    earlier[looks.correspondences[:, 0]] = number[looks.correspondences[:, 1]]
+    return Sets(looks.earlier, looks.later, whole(earlier), whole(number)), len(
+        looks.correspondences
+    )
 
 
 def whole(numbers):
@@ -70,7 +72,7 @@ def test_things_are_shares_of_the_points():
     fields = np.zeros(7, [("instance", np.uint32)])
     fields["instance"] = [4, 4, 9, 9, 9, 2, 2]
     sweep = Sweep(0, np.zeros((7, 3)), fields=fields)
-    world = take(worlds.world(np.random.default_rng(1)), [0, 1, 2])
+    world = select_landmarks(worlds.world(np.random.default_rng(1)), [0, 1, 2])
     world = replace(world, point_labels=np.array([0, 0, 0, 1, -1, -1, 1]))
     assert things(world, sweep) == [{4: 2 / 3, 9: 1 / 3}, {9: 0.5, 2: 0.5}, {}]
     assert things(world, replace(sweep, fields=None)) == [{}, {}, {}]

@@ -1,6 +1,7 @@
-"""Small systems of equations with symmetric positive definite matrices.
+"""Cholesky factorisation and solution of small symmetric positive definite systems, in kernels.
 
-numba's own solvers need scipy, which the package does not.
+numba's own solvers would need scipy's BLAS; these work on views of preallocated arrays.
+Source: Golub & Van Loan, Matrix Computations, algorithm 4.2.1.
 """
 
 import math
@@ -10,23 +11,34 @@ from ellipseg_ros.core.jit import kernel
 
 @kernel
 def factorize(a, n):
-    """Replace the lower triangle of a[:n, :n] by its Cholesky factor L, a = L L^T.
+    """Replace the lower triangle of a[:n, :n] by its Cholesky factor L, where a = L L^T.
 
-    Source: Golub & Van Loan, Matrix Computations, algorithm 4.2.1.
+    Returns whether the matrix is positive definite; if not, a[:n, :n] becomes NaN.
     """
     for j in range(n):
         for k in range(j):
             a[j, j] -= a[j, k] * a[j, k]
+        if not a[j, j] > 0.0:
+            a[:n, :n] = math.nan
+            return False
         a[j, j] = math.sqrt(a[j, j])
         for i in range(j + 1, n):
             for k in range(j):
                 a[i, j] -= a[i, k] * a[j, k]
             a[i, j] /= a[j, j]
+    return True
+
+
+@kernel
+def solve(factor, n, b):
+    """Replace b[:n] by the solution x of L L^T x = b."""
+    solve_lower(factor, n, b)
+    solve_upper(factor, n, b)
 
 
 @kernel
 def solve_lower(factor, n, b):
-    """Replace b[:n] by L^-1 b; its square is then b^T a^-1 b."""
+    """Replace b[:n] by L^-1 b; the squared norm of that is b^T a^-1 b."""
     for i in range(n):
         for k in range(i):
             b[i] -= factor[i, k] * b[k]
