@@ -9,7 +9,7 @@ from ellipseg_ros.cli.report import print_status, progress_bar, write_summary
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.cli.tune_results import WINDOWS, Finished
+from ellipseg_ros.cli.tune_results import WINDOWS, CurveStore
 from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.io.atomic_files import write_text
 from ellipseg_ros.io.sources import SIMULATED, Source
@@ -68,7 +68,7 @@ class Study:
 
     def __init__(self, settings: Settings, search: Search, folder: Path, args: Namespace) -> None:
         self._settings, self._search, self._args = settings, search, args
-        self._folder, self._finished = folder, Finished(folder)
+        self._folder, self._finished = folder, CurveStore(folder)
         self._scenes: list[Scene] = []
         self._facts: list[Facts] = []
 
