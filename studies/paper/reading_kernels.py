@@ -1,4 +1,4 @@
-"""The criteria of readings.py: a plain Kruskal that knows all of them."""
+"""The criteria of readings.py in a plain Kruskal."""
 
 import math
 
@@ -32,13 +32,16 @@ DENSITY, FLOORED, ADDED_MASS, PARSIMONY, AIC, CAPPED = range(5, 11)
 
 
 @kernel
-def walk(nodes, masses, left, right, criterion, floor, threshold, passes):
-    """Kruskal's algorithm in place; returns the root of every point. The last row is scratch."""
-    above = np.arange(len(nodes))
+def kruskal(nodes, masses, left, right, criterion, floor, threshold, passes):
+    """Merge in place by Kruskal's algorithm; returns the root of every point.
+
+    The last row of `nodes` is scratch.
+    """
+    parent = np.arange(len(nodes))
     scratch = len(nodes) - 1
     for _ in range(passes):
         for edge in range(len(left)):
-            a, b = find(above, left[edge]), find(above, right[edge])
+            a, b = find(parent, left[edge]), find(parent, right[edge])
             if a == b:
                 continue
             if criterion < DENSITY:
@@ -52,13 +55,13 @@ def walk(nodes, masses, left, right, criterion, floor, threshold, passes):
                     continue
             nodes[a] = nodes[scratch]
             masses[a] += masses[b]
-            above[b] = a
-    return np.array([find(above, point) for point in range(scratch)])
+            parent[b] = a
+    return np.array([find(parent, point) for point in range(scratch)])
 
 
 @kernel
 def shape_reading(nodes, a, b, floor, criterion):
-    """Equation 7 and its variants."""
+    """Equation 7, or a variant of it."""
     if criterion == SHAPE:
         return shape_distance(nodes, a, b, floor, math.inf)
     n = nodes[a, COUNT] + nodes[b, COUNT]
@@ -93,7 +96,7 @@ def shape_reading(nodes, a, b, floor, criterion):
 
 @kernel
 def gap(nodes, a, b, one, axis):
-    """Squared gap of the centroids along an axis of one of the two."""
+    """Squared distance of the centroids of a and b along an axis of `one`."""
     along = 0.0
     for k in range(3):
         along += nodes[one, axis + k] * (nodes[b, MEAN + k] - nodes[a, MEAN + k])
@@ -102,7 +105,7 @@ def gap(nodes, a, b, one, axis):
 
 @kernel
 def tilt(nodes, a, b, axis):
-    """Squared sine of the angle between two axes."""
+    """Squared sine of the angle between an axis of a and that of b."""
     cosine = 0.0
     for k in range(3):
         cosine += nodes[a, axis + k] * nodes[b, axis + k]
@@ -111,7 +114,7 @@ def tilt(nodes, a, b, axis):
 
 @kernel
 def union_reading(nodes, a, b, union, mass, criterion):
-    """Density (eq. 6), parsimony, and their variants."""
+    """Density (eq. 6), parsimony, or a variant of one."""
     if criterion == DENSITY:
         return density_distance(nodes, union, mass)
     if criterion == ADDED_MASS:
@@ -126,7 +129,7 @@ def union_reading(nodes, a, b, union, mass, criterion):
 
 @kernel
 def cost(nodes, i, criterion):
-    """AICc of a segment, or with another bias term."""
+    """AICc of a segment, perhaps with another bias term."""
     whole = segment_aicc(nodes, i, NOISE)
     n = nodes[i, COUNT]
     if criterion == AIC:
@@ -138,7 +141,7 @@ def cost(nodes, i, criterion):
 
 @kernel
 def total_aicc(nodes, rows):
-    """Sum over the segments."""
+    """AICc of all segments."""
     total = 0.0
     for row in rows:
         total += segment_aicc(nodes, row, NOISE)
