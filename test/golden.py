@@ -9,8 +9,8 @@ import numpy as np
 
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.simulation import simulator
-from studies.endurance.determinism import CRITERIA, DURATION, digest, last_update
-from studies.endurance.determinism import SCENES as SIMULATED
+from studies.endurance.digests import CRITERIA, DURATION, digest, last_update
+from studies.endurance.digests import SCENES as SIMULATED
 
 FILE = Path(__file__).with_name("golden.json")
 REAL = {  # every so manieth point, up to a time in s

@@ -28,8 +28,8 @@ from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import FIELDS, simulate
 from studies.benchmark.publishers import SegmentationPublisher
 from studies.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
-from studies.endurance.listener_process import Listening
 from studies.endurance.running import running
+from studies.endurance.subscriber_process import SubscriberProcess
 from studies.report.timing import milliseconds, spread, timed
 
 POINTS_PER_ELLIPSOID = 30  # of the published ones
@@ -53,7 +53,7 @@ def publishing(sizes: Sizes) -> Section:
     received: list[float] = []
     with (
         isolated_ros_args() as ros_args,
-        Listening(ros_args) as listener,
+        SubscriberProcess(ros_args) as listener,
         SegmentationPublisher(ros_args) as publisher,
     ):
         listener.wait_for_topics(START_TIMEOUT_S)

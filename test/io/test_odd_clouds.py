@@ -18,9 +18,9 @@ from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.records import SECOND, WIDEST, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
-from studies.endurance import conversion
-from studies.endurance import update_account as account
-from studies.endurance.clouds import Header, Time, large_cloud, odd_cloud, serialized
+from studies.endurance import conversion, update_check
+from studies.endurance.cloud_messages import Header, Time, large_cloud, serialized
+from studies.endurance.odd_clouds import odd_cloud
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -64,7 +64,7 @@ def update():
     [
         (lambda f: {"labels": np.where(f.labels == -2, -1, f.labels)}, "rejected points"),
         (lambda f: {"labels": np.append(f.labels[1:], np.int32(-1))}, "counts of the segments"),
-        (lambda f: {"labels": f.labels + 10_000}, "labels that no segment has"),
+        (lambda f: {"labels": f.labels + 10_000}, "labels of segments that do not exist"),
         (lambda f: {"late": 1}, "should be in the window"),
         (lambda f: {"evicted": -1}, "should be in the window"),
         (lambda f: {"aicc": np.nan}, "AICc"),
@@ -76,9 +76,9 @@ def update():
 )
 def test_the_account_finds_what_is_wrong(update, change, fault):
     sweep, found = update
-    assert not list(account.faults(None, sweep, found, Config()))
+    assert not list(update_check.contradictions(None, sweep, found, Config()))
     wrong = replace(found, **change(found))
-    assert any(fault in told for told in account.faults(None, sweep, wrong, Config()))
+    assert any(fault in told for told in update_check.contradictions(None, sweep, wrong, Config()))
 
 
 def test_what_raises_or_warns_is_a_fault(monkeypatch):

@@ -16,8 +16,8 @@ from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
 from ellipseg_ros.simulation.simulator import simulate
-from studies.endurance import times
-from studies.endurance.times import CONFIG, YEAR
+from studies.endurance import stamps
+from studies.endurance.stamps import CONFIG, YEAR
 
 
 def restamped(sweeps, first, every=0.1):
@@ -56,7 +56,7 @@ def thirds(count):
 @pytest.fixture(scope="module")
 def offline(drive):
     """What it gives without ROS."""
-    return times.offline(drive)
+    return stamps.offline(drive)
 
 
 @pytest.fixture(scope="module", params=["false", "true"], ids=["wall time", "sim time"])

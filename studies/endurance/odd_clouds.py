@@ -1,24 +1,23 @@
-"""Odd PointCloud2 messages, as plain objects and as bytes: what sensors and strangers may send.
+"""Odd PointCloud2 messages, as plain objects and as bytes.
 
-A cloud is made whole: points of some shape, spoiled numbers among them, fields of any name, type
-and place. Most are left so; of the others, a number in the message is made a lie.
+A cloud has points of some shape, some with invalid coordinates, and fields of any name, type and
+offset. Most clouds are consistent; the others get a wrong size, offset, type or name.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.io.cdr import Cdr
 from ellipseg_ros.io.point_times import NAMES as TIMES
 from ellipseg_ros.io.pointcloud2 import TYPES
 from ellipseg_ros.records import SECOND, Array
+from studies.endurance.cloud_messages import START_NS, Cloud, Field, Header, Time
 
-BLOCK = 20  # cases of which most have the same fields, as those of one sensor would
-START = 1_700_000_000 * SECOND  # ns
-STEP = SECOND // 10  # ns, between two clouds
-HUGE = (0, 1, 2**15, 2**16 - 1, 2**20 + 1, 2**31 - 1, 2**31, 2**32 - 1)  # uint32
+CASES_PER_LAYOUT = 20  # most of which have the same fields, as those of one sensor would
+STEP_NS = SECOND // 10  # between two clouds
+SIZES = (0, 1, 2**15, 2**16 - 1, 2**20 + 1, 2**31 - 1, 2**31, 2**32 - 1)  # uint32
 ODD = (
     np.nan,
     np.inf,
@@ -49,104 +48,29 @@ FIELDS = (
 )
 
 
-@dataclass(frozen=True)
-class Time:
-    """builtin_interfaces/Time."""
-
-    sec: int
-    nanosec: int
-
-
-@dataclass(frozen=True)
-class Header:
-    """std_msgs/Header."""
-
-    stamp: Time
-    frame_id: str
-
-
-@dataclass(frozen=True)
-class Field:
-    """sensor_msgs/PointField."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int
-
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return self.count * np.dtype(TYPES[self.datatype]).itemsize
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """sensor_msgs/PointCloud2."""
-
-    header: Header
-    height: int
-    width: int
-    fields: list[Field]
-    is_bigendian: bool
-    point_step: int
-    row_step: int
-    data: bytes
-    is_dense: bool
-
-
 def odd_cloud(seed: int, case: int) -> Cloud:
-    """The cloud of a case: the same for the same numbers, whatever came before."""
+    """The cloud of a case; deterministic."""
     rng = np.random.default_rng([seed, case])
-    of_block = np.random.default_rng([seed, case // BLOCK, BLOCK])
-    fields, step = _layout(of_block if rng.random() < 0.8 else rng)
-    whole = _cloud(_points(rng), fields, step, rng)
-    whole = replace(whole, header=_header(case, rng))
+    layout_rng = np.random.default_rng([seed, case // CASES_PER_LAYOUT, CASES_PER_LAYOUT])
+    fields, step = _layout(layout_rng if rng.random() < 0.8 else rng)
+    cloud = _cloud(_points(rng), fields, step, rng)
+    cloud = replace(cloud, header=_header(case, rng))
     if rng.random() < 0.3:
-        return LIES[rng.integers(len(LIES))](whole, rng)
-    return whole
-
-
-def large_cloud(points: int, seed: int = 0) -> Cloud:
-    """A wall of so many points, 300 a square metre, with an intensity; later than all others."""
-    rng = np.random.default_rng([seed, points])
-    fields = [Field(name, 4 * k, 7, 1) for k, name in enumerate(("x", "y", "z", "intensity"))]
-    values = rng.random((points, 4), dtype=np.float32)
-    values[:, :2] *= np.float32(np.sqrt(points / 300.0))
-    values[:, 2] *= 0.02
-    header = Header(Time(START // SECOND + 10**7, 0), "odom")
-    data = values.tobytes()
-    return Cloud(header, 1, points, fields, False, 16, 16 * points, data, True)
-
-
-def serialized(cloud: Cloud) -> bytes:
-    """The message as DDS carries it, lies and all."""
-    out = Cdr()
-    out.put("iI", cloud.header.stamp.sec, cloud.header.stamp.nanosec)
-    out.text(cloud.header.frame_id)
-    out.put("II", cloud.height, cloud.width)
-    out.put("I", len(cloud.fields))
-    for field in cloud.fields:
-        out.text(field.name)
-        out.put("IBI", field.offset, field.datatype, field.count)
-    out.put("?II", cloud.is_bigendian, cloud.point_step, cloud.row_step)
-    out.put("I", len(cloud.data))
-    out.bulk(cloud.data)
-    out.put("?", cloud.is_dense)
-    return out.bytes()
+        return CORRUPTIONS[rng.integers(len(CORRUPTIONS))](cloud, rng)
+    return cloud
 
 
 # --- points ----------------------------------------------------------------------------------
 
 
 def _points(rng: np.random.Generator) -> Array:
-    """(n, 3) float64: of some shape, moved somewhere, some of them spoiled."""
+    """(n, 3) float64: points of some shape at some place, some with invalid coordinates."""
     points = SHAPES[rng.integers(len(SHAPES))](rng)
     if rng.random() < 0.2:
         points = points + rng.choice([1e3, -1e5, 4.5e6, 9.99e7]) * rng.normal(size=3)
     if len(points) and rng.random() < 0.3:
-        spoiled = rng.integers(0, len(points), rng.integers(1, 2 + len(points) // 2))
-        points[spoiled, rng.integers(0, 3, len(spoiled))] = rng.choice(ODD, len(spoiled))
+        invalid = rng.integers(0, len(points), rng.integers(1, 2 + len(points) // 2))
+        points[invalid, rng.integers(0, 3, len(invalid))] = rng.choice(ODD, len(invalid))
     return points
 
 
@@ -155,25 +79,25 @@ def _volume(rng: np.random.Generator) -> Array:
 
 
 def _flat(rng: np.random.Generator) -> Array:
-    """Exactly coplanar or collinear, in any direction."""
+    """Exactly coplanar or collinear points in any direction."""
     spans = rng.normal(size=(rng.integers(1, 3), 3))
     return rng.uniform(-2.0, 2.0, (rng.integers(1, 300), len(spans))) @ spans
 
 
 def _grid(rng: np.random.Generator) -> Array:
-    """Distances that are all alike, on one to three axes."""
+    """A grid, with equal distances, along one to three axes."""
     sizes = rng.integers(1, 8, 3)
     return np.stack(np.meshgrid(*map(np.arange, sizes)), axis=-1).reshape(-1, 3) * 0.25
 
 
 def _repeated(rng: np.random.Generator) -> Array:
-    """A few places, thousands of points."""
+    """Thousands of points at a few places."""
     places = rng.normal(size=(rng.integers(1, 6), 3))
     return places[rng.integers(0, len(places), rng.integers(1, 3000))]
 
 
 def _minute(rng: np.random.Generator) -> Array:
-    """All within less than any number squared can tell."""
+    """Points so close that the squares of their distances underflow."""
     return rng.normal(size=(rng.integers(1, 100), 3)) * 10.0 ** rng.integers(-320, -3)
 
 
@@ -192,15 +116,15 @@ SHAPES = (_volume, _volume, _flat, _grid, _repeated, _minute, _few, _sparse)
 
 
 def _layout(rng: np.random.Generator) -> tuple[list[Field], int]:
-    """Fields in any order and place, x, y and z among them; and point_step."""
-    wanted = [(name, int(rng.choice([7, 7, 7, 8])), 1) for name in "xyz"]
+    """Fields in any order and at any offset, including x, y and z; and point_step."""
+    columns = [(name, int(rng.choice([7, 7, 7, 8])), 1) for name in "xyz"]
     for name in rng.choice(FIELDS, rng.integers(0, 4), replace=False).tolist():
-        wanted.append((name, int(rng.integers(1, 9)), int(rng.choice([1, 1, 1, 3, 17]))))
+        columns.append((name, int(rng.integers(1, 9)), int(rng.choice([1, 1, 1, 3, 17]))))
     if rng.random() < 0.5:
-        wanted.append((str(rng.choice(TIMES)), int(rng.integers(1, 9)), 1))
+        columns.append((str(rng.choice(TIMES)), int(rng.integers(1, 9)), 1))
     fields = []
     end = 0
-    for name, kind, count in [wanted[k] for k in rng.permutation(len(wanted))]:
+    for name, kind, count in [columns[k] for k in rng.permutation(len(columns))]:
         end += int(rng.choice([0, 0, 0, 1, 4]))
         fields.append(Field(name, end, kind, count))
         end += fields[-1].size
@@ -208,7 +132,7 @@ def _layout(rng: np.random.Generator) -> tuple[list[Field], int]:
 
 
 def _cloud(points: Array, fields: list[Field], step: int, rng: np.random.Generator) -> Cloud:
-    """The points in rows with padding; other fields have random bytes, or times."""
+    """The points in rows with padding; other fields hold random bytes or times."""
     height = int(rng.choice([1, 1, 2, 5]))
     width = len(points) // height
     row_step = width * step + int(rng.choice([0, 0, 1, 40]))
@@ -231,22 +155,22 @@ def _cloud(points: Array, fields: list[Field], step: int, rng: np.random.Generat
 
 
 def _values(field: Field, points: Array, rng: np.random.Generator) -> Array | None:
-    """What a field holds; None: whatever is there."""
+    """Values of a field; None: random bytes."""
     if field.name in ("x", "y", "z"):
         return points[:, "xyz".index(field.name)]
     if field.name not in TIMES or rng.random() < 0.3:
         return None
-    unit, start = [(1.0, 0.0), (1e9, 0.0), (1.0, START / SECOND), (1e9, float(START))][
+    unit, start = [(1.0, 0.0), (1e9, 0.0), (1.0, START_NS / SECOND), (1e9, float(START_NS))][
         rng.integers(4)
     ]
     return start + unit * rng.uniform(-0.1, 12.0) * np.linspace(0.0, 1.0, len(points))
 
 
 def _header(case: int, rng: np.random.Generator) -> Header:
-    """Mostly the next stamp of one frame."""
-    stamp = START + case * STEP
+    """Mostly the next stamp, in the same frame."""
+    stamp = START_NS + case * STEP_NS
     if rng.random() < 0.05:
-        stamp += int(rng.choice([-1, 1, -20, 20, 10**5, -(10**8)])) * STEP
+        stamp += int(rng.choice([-1, 1, -20, 20, 10**5, -(10**8)])) * STEP_NS
     sec, nanosec = divmod(stamp, SECOND)
     if rng.random() < 0.02:
         sec = int(rng.choice([0, -1, -(2**31), 2**31 - 1]))
@@ -255,25 +179,25 @@ def _header(case: int, rng: np.random.Generator) -> Header:
     return Header(Time(sec, nanosec), frame)
 
 
-# --- lies ------------------------------------------------------------------------------------
+# --- corruptions -----------------------------------------------------------------------------
 
-Lie = Callable[[Cloud, np.random.Generator], Cloud]
+Corruption = Callable[[Cloud, np.random.Generator], Cloud]
 
 
-def _size(name: str) -> Lie:
-    """Another number where the message has a size."""
+def _size(name: str) -> Corruption:
+    """A corruption of one size of the message."""
 
-    def lie(cloud: Cloud, rng: np.random.Generator) -> Cloud:
+    def corrupt(cloud: Cloud, rng: np.random.Generator) -> Cloud:
         near = max(0, getattr(cloud, name) + int(rng.integers(-2, 3)))
-        changes: dict[str, Any] = {name: int(rng.choice([*HUGE, near]))}
+        changes: dict[str, Any] = {name: int(rng.choice([*SIZES, near]))}
         return replace(cloud, **changes)
 
-    return lie
+    return corrupt
 
 
 def _sizes(cloud: Cloud, rng: np.random.Generator) -> Cloud:
-    """Sizes whose products don't fit into 64 bits."""
-    height, width, point_step, row_step = (int(n) for n in rng.choice(HUGE, 4))
+    """Set sizes whose products exceed 64 bits."""
+    height, width, point_step, row_step = (int(n) for n in rng.choice(SIZES, 4))
     return replace(cloud, height=height, width=width, point_step=point_step, row_step=row_step)
 
 
@@ -282,17 +206,17 @@ def _cut(cloud: Cloud, rng: np.random.Generator) -> Cloud:
 
 
 def _field(cloud: Cloud, rng: np.random.Generator) -> Cloud:
-    """Another number, or another name, in one of the fields."""
+    """Change a number or the name of one field."""
     fields = list(cloud.fields)
     k = int(rng.integers(len(fields)))
     names = [*FIELDS, "x", "y", "z", "t", "n" * 10_000, "two\nlines", "nul\0"]
     change: dict[str, Any] = [
         {"name": str(rng.choice(names))},
-        {"offset": int(rng.choice(HUGE))},
+        {"offset": int(rng.choice(SIZES))},
         {"offset": max(0, fields[k].offset + int(rng.integers(-3, 4)))},
         {"datatype": int(rng.integers(0, 256))},
         {"datatype": int(rng.integers(1, 9))},
-        {"count": int(rng.choice(HUGE))},
+        {"count": int(rng.choice(SIZES))},
     ][rng.integers(6)]
     fields[k] = replace(fields[k], **change)
     return replace(cloud, fields=fields)
@@ -303,14 +227,14 @@ def _fewer(cloud: Cloud, rng: np.random.Generator) -> Cloud:
 
 
 def _many(cloud: Cloud, rng: np.random.Generator) -> Cloud:
-    """Thousands of fields in the bytes of one."""
+    """Add thousands of fields at the offset of one."""
     kind, size = cloud.fields[0].datatype, int(rng.choice([30, 300, 3000]))
     more = [Field(f"f{k}", cloud.fields[0].offset, kind, 1) for k in range(size)]
     return replace(cloud, fields=[*cloud.fields, *more])
 
 
 def _wide(cloud: Cloud, rng: np.random.Generator) -> Cloud:
-    """One point of as many bytes as there are."""
+    """Make one point of all bytes."""
     step = max(len(cloud.data), cloud.point_step)
     more = Field(f"wide{rng.integers(9)}", 0, 2, step)
     data = cloud.data.ljust(step, b"\0")
@@ -324,7 +248,7 @@ def _other_order(cloud: Cloud, rng: np.random.Generator) -> Cloud:
     return replace(cloud, is_bigendian=not cloud.is_bigendian, is_dense=bool(rng.random() < 0.5))
 
 
-LIES: tuple[Lie, ...] = (
+CORRUPTIONS: tuple[Corruption, ...] = (
     *(_size(name) for name in ("height", "width", "point_step", "row_step")),
     *(_sizes, _cut, _field, _field, _fewer, _many, _wide, _other_order),
 )

@@ -1,4 +1,4 @@
-"""A publisher of messages as bytes, whatever they hold: for `ellipseg soak`."""
+"""A node that publishes serialized messages, valid or not."""
 
 from typing import Any
 
@@ -12,38 +12,41 @@ from ellipseg_ros.node.abortable_condition import AbortableCondition
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 
 TYPES: dict[str, Any] = {"points": PointCloud2, "landmarks": LandmarkArray}
-DEPTH = 1000  # messages kept for a slow subscriber
+QUEUE_DEPTH = 1000  # messages kept for a slow subscriber
 
 
-class Sender(AuxiliaryNode):
+class RawPublisher(AuxiliaryNode):
     """A node with one reliable publisher; a context manager.
 
-    topic: one of TYPES. args: `--ros-args ...`, for a namespace.
+    topic: one of TYPES. args: `--ros-args ...`, for a namespace. Waiting methods raise
+    EllipsegError at their timeout (s).
     """
 
     def __init__(self, topic: str, args: list[str]) -> None:
         self._changed = AbortableCondition()
-        self._listeners = 0
-        super().__init__("ellipseg_sender", args)
+        self._subscribers = 0
+        super().__init__("ellipseg_raw_publisher", args)
         events = PublisherEventCallbacks(matched=self._on_match)
         self._publisher = self.node.create_publisher(
-            TYPES[topic], topic, DEPTH, event_callbacks=events
+            TYPES[topic], topic, QUEUE_DEPTH, event_callbacks=events
         )
 
-    def wait_for_listener(self, timeout: float) -> None:
-        """Wait until somebody listens; raises EllipsegError after `timeout` s."""
-        self._changed.wait_until(lambda: self._listeners > 0, timeout, "nobody listens")
+    def wait_for_subscriber(self, timeout_s: float) -> None:
+        """Wait until a subscriber is connected."""
+        self._changed.wait_until(
+            lambda: self._subscribers > 0, timeout_s, "there is no subscriber"
+        )
 
     def send(self, message: bytes) -> None:
         """Publish a serialized message."""
         self._publisher.publish(message)
 
-    def wait_for_arrival(self, timeout: float) -> None:
-        """Wait until all is received; raises EllipsegError after `timeout` s."""
-        if not self._publisher.wait_for_all_acked(Duration(seconds=timeout)):
-            raise EllipsegError(f"what was sent is not received within {timeout:g} s")
+    def wait_for_acknowledgement(self, timeout_s: float) -> None:
+        """Wait until all messages are received."""
+        if not self._publisher.wait_for_all_acked(Duration(seconds=timeout_s)):
+            raise EllipsegError(f"some messages are not received within {timeout_s:g} s")
 
     def _on_match(self, event: QoSPublisherMatchedInfo) -> None:
         with self._changed:
-            self._listeners = event.current_count
+            self._subscribers = event.current_count
             self._changed.notify_all()
