@@ -47,7 +47,7 @@ def test_every_golden_scene_is_compared():
 def with_threads(count, monkeypatch):
     for module in ("jit", "merge", "edge_sorting"):
         monkeypatch.setattr(f"ellipseg_ros.core.{module}.THREADS", count)
-    monkeypatch.setattr(jit, "LEAST", 100)
+    monkeypatch.setattr(jit, "MIN_ROWS_PER_THREAD", 100)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)

@@ -18,7 +18,7 @@ from ellipseg_ros.cli.tune_results import (
     finish,
     print_tuning,
 )
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError, EllipsegError
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.segmenter import warm_up
@@ -35,7 +35,7 @@ def run(args: Namespace) -> int:
     use_all = args.criterion == ALL
     options = vars(args) | ({"criterion": None} if use_all else {})
     settings, search = read_settings(Namespace(**options)), _search(args)
-    criteria = CRITERIA if use_all else (settings.config.criterion,)
+    criteria = tuple(CRITERIA) if use_all else (settings.config.criterion,)
     for criterion in criteria:
         search.grid(criterion)  # reports an invalid range here, not in every window
     sources = {spec: open_input(spec, args) for spec in dict.fromkeys(args.sources)}

@@ -13,7 +13,8 @@ import yaml
 
 from ellipseg_ros.cli.report import Summary, print_results, print_status, write_summary
 from ellipseg_ros.cli.settings import Settings
-from ellipseg_ros.config import CRITERIA, flatten
+from ellipseg_ros.config import flatten
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing, write_text
 from ellipseg_ros.tuning.choice import Choice, choose
 from ellipseg_ros.tuning.curve import COLUMNS, curve_from

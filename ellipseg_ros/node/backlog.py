@@ -6,7 +6,7 @@ from threading import Condition
 from typing import TypeAlias
 
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.core.window import MOST_BYTES
+from ellipseg_ros.core.window import max_window_points
 from ellipseg_ros.records import Layout, Sweep, join_sweeps, joined_layout
 
 
@@ -72,9 +72,7 @@ class Batch:
         They would not stay in the window. It holds no more either if its fields have 1 GiB.
         """
         before = self.points
-        limit = self._parts[-1].config.max_points
-        if limit and self._layout is not None:
-            limit = min(limit, MOST_BYTES // max(1, self._layout.itemsize))
+        limit = max_window_points(self._parts[-1].config.max_points, self._layout)
         while limit and self.points - len(self._parts[0].sweep) >= limit:
             self.points -= len(self._parts.popleft().sweep)
         return before - self.points

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.jit import alone
+from ellipseg_ros.core.jit import single_threaded
 from ellipseg_ros.records import ISOLATED, SECOND, Segmentation
 from ellipseg_ros.ros.limits import Share
 from ellipseg_ros.ros.process import End
@@ -146,7 +146,7 @@ def work(found: Segmentation, config: Config) -> Tuned:
     started = time.monotonic()
     try:
         points = found.points[found.labels >= ISOLATED]
-        with alone():  # the pool is for the updates
+        with single_threaded():  # the pool is for the updates
             curve = tune(points, config, LIVE, found.origin)
     except Exception as error:
         problem = f"the tuning failed: {type(error).__name__}: {' '.join(str(error).split())}"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.window import LARGEST
+from ellipseg_ros.core.window import MAX_COORDINATE_M
 from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.messages import Markers, write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
@@ -46,7 +46,7 @@ def contradictions(
     tally = np.bincount(update.labels[update.labels >= 0], minlength=segments)
     if not np.array_equal(tally, update.ellipsoids.count):
         yield "counts of the segments differ from those of the labels"
-    valid = (np.abs(update.points) <= LARGEST).all(axis=1)  # false for NaN
+    valid = (np.abs(update.points) <= MAX_COORDINATE_M).all(axis=1)  # false for NaN
     if (valid == (update.labels == REJECTED)).any():
         yield "rejected points are not those that are not finite or too far away"
     expected = _expected_points(before, group, update, config)

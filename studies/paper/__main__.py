@@ -13,7 +13,7 @@ from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.cli.tune_results import WINDOWS, CurveStore
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.sources import SIMULATED, Source
 from ellipseg_ros.segmenter import warm_up
 from ellipseg_ros.tuning.search import Search
@@ -88,7 +88,7 @@ class Study:
         """Tune all criteria on a source, and segment it at the minima of the AICc."""
         config = self._settings.config
         cut = first_window(source, config)
-        task = Task(cut, config, CRITERIA, self._search)
+        task = Task(cut, config, tuple(CRITERIA), self._search)
         curves = self._curves.get(task.key)
         if curves is None:
             curves = tune(task)

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import SIMULATED, Source
 from ellipseg_ros.records import Array, Segmentation

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.colours import shape_colours
 from ellipseg_ros.plots.style import save, title

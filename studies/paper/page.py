@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.core.criteria import CRITERIA
 from studies.paper.facts import KINDS
 from studies.paper.findings import ADDITIONAL, FINDINGS, SMALL_LOSS, Finding, judge
 from studies.report.page import Page, Section, Table
@@ -102,7 +102,7 @@ def _findings(facts: Facts, findings: tuple[Finding, ...]) -> Table:
 
 
 def _shared(facts: Facts) -> Table:
-    kinds = [kind for kind in (*KINDS, "all") if kind in facts["shared"][CRITERIA[0]]]
+    kinds = [kind for kind in (*KINDS, "all") if kind in facts["shared"]["shape"]]
     head = ["criterion", *(f"{kind}: τ, loss" for kind in kinds), f"loss ≤ {SMALL_LOSS:g}"]
     rows = []
     for name in CRITERIA:

@@ -18,10 +18,12 @@ from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES
 from ellipseg_ros.cli.report import progress_steps
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.ellipsoids import COUNT, MEAN, segment_moments
+from ellipseg_ros.core.criteria import initial_values, rule_of
+from ellipseg_ros.core.ellipsoids import segment_moments
+from ellipseg_ros.core.moments import no_moments
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.records import Array
-from ellipseg_ros.tuning.graph import graph_of
+from ellipseg_ros.tuning.window_graph import window_graph
 from studies.paper.facts import first_window
 from studies.paper.reading_kernels import (
     ADDED_MASS,
@@ -69,7 +71,7 @@ class Scene:
     """Points, initial ellipsoids and edges of a scene, for all readings."""
 
     points: Array
-    nodes: Array
+    moments: Array
     masses: Array
     weighted: tuple[Array, Array]  # ends of the edges, in the order of the paper
     plain: tuple[Array, Array]  # ends of the edges, by distance
@@ -131,40 +133,44 @@ def load(spec: str) -> tuple[str, Scene]:
 
 def scene_of(points: Array, origin: Array) -> Scene:
     """The scene of points (n, 3), m, without isolated ones."""
-    graph = graph_of(points, CONFIG, origin)
-    members = np.flatnonzero(graph.change.member)
-    rows = np.cumsum(graph.change.member) - 1
-    nodes = np.vstack([graph.nodes[members], np.zeros((1, graph.nodes.shape[1]))])
+    window = window_graph(points, CONFIG, origin)
+    graph, member = window.graph, window.change.member
+    members, rows = np.flatnonzero(member), np.cumsum(member) - 1
+    moments, masses = no_moments(len(members) + 1), np.zeros(len(member))
+    moments[:-1] = graph.moments[members]
+    density = rule_of(replace(CONFIG, criterion="density"))
+    initial_values(density, graph.points, graph.knn_indices, graph.moments, members, masses)
     left, right = rows[graph.edges.i], rows[graph.edges.j]
-    means = nodes[:, MEAN : MEAN + 3]
-    order = np.lexsort((right, left, np.linalg.norm(means[left] - means[right], axis=1)))
-    masses = np.append(graph.masses[members], 0.0)
+    gaps = np.linalg.norm(moments["mean"][left] - moments["mean"][right], axis=1)
+    order = np.lexsort((right, left, gaps))
     kept = points[members] - origin
-    return Scene(kept, nodes, masses, (left, right), (left[order], right[order]))
+    return Scene(
+        kept, moments, np.append(masses[members], 0.0), (left, right), (left[order], right[order])
+    )
 
 
 def try_threshold(scene: Scene, reading: Reading, threshold: float) -> tuple[float, int, float]:
     """AICc per point, number of segments, and share of the points in the largest one."""
-    nodes, masses = scene.nodes.copy(), scene.masses.copy()
-    nodes[:, COUNT] = reading.count
+    moments, masses = scene.moments.copy(), scene.masses.copy()
+    moments["count"] = reading.count
     if reading.unit_mass:
         masses[:] = 1.0
     left, right = scene.plain if reading.plain else scene.weighted
     way = (reading.criterion, reading.floor, threshold, reading.passes)
     roots, labels, sizes = np.unique(
-        kruskal(nodes, masses, left, right, *way), return_inverse=True, return_counts=True
+        kruskal(moments, masses, left, right, *way), return_inverse=True, return_counts=True
     )
-    aicc = total_aicc(*own_nodes(scene, labels) if reading.own else (nodes, roots))
+    aicc = total_aicc(*point_moments(scene, labels) if reading.own else (moments, roots))
     points = len(scene.points)
     return aicc / (points * reading.count), len(roots), float(sizes.max()) / points
 
 
-def own_nodes(scene: Scene, labels: Array) -> tuple[Array, Array]:
+def point_moments(scene: Scene, labels: Array) -> tuple[Array, Array]:
     """Moments of the points of every segment, and their rows."""
     count = int(labels.max()) + 1
-    before, nothing = np.full(count, -1), np.zeros((0, scene.nodes.shape[1]))
-    nodes = segment_moments(scene.points, labels.astype(np.int32), before, nothing)
-    return nodes, np.arange(count)
+    previous = np.full(count, -1)
+    moments = segment_moments(scene.points, labels.astype(np.int32), previous, no_moments())
+    return moments, np.arange(count)
 
 
 def minimum(scene: Scene, reading: Reading) -> Minimum:

@@ -16,7 +16,7 @@ from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.point_times import time_offsets
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
 from ellipseg_ros.node.grouping import Grouping
-from ellipseg_ros.records import SECOND, WIDEST, Sweep
+from ellipseg_ros.records import MAX_FIELDS_BYTES, SECOND, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
 from studies.endurance import conversion, update_check
 from studies.endurance.cloud_messages import Header, Time, large_cloud, serialized
@@ -153,11 +153,14 @@ def test_names_that_cannot_be_shown_are_refused(name):
 
 def test_fields_that_overlap_may_not_take_more_than_a_point_has():
     cloud = large_cloud(3)
-    more = [replace(cloud.fields[3], name=f"f{k}") for k in range(WIDEST // 4)]
+    more = [replace(cloud.fields[3], name=f"f{k}") for k in range(MAX_FIELDS_BYTES // 4)]
     with pytest.raises(InputError) as error:
         read_sweep(replace(cloud, fields=[*cloud.fields, *more]))
     assert error.value.reason == "fields"
-    assert len(read_sweep(replace(cloud, fields=[*cloud.fields, *more[: WIDEST // 4 - 4]]))) == 3
+    assert (
+        len(read_sweep(replace(cloud, fields=[*cloud.fields, *more[: MAX_FIELDS_BYTES // 4 - 4]])))
+        == 3
+    )
 
 
 def test_one_cloud_with_many_fields_begins_the_window_anew_and_does_not_widen_all_points():
@@ -168,12 +171,12 @@ def test_one_cloud_with_many_fields_begins_the_window_anew_and_does_not_widen_al
         sweep = replace(sweep, stamp_ns=max(2, sweep.stamp_ns // SECOND) * SECOND)
         grouping.push(sweep)
         found = segmenter.process(sweep)
-        assert found.fields.dtype.itemsize <= WIDEST
+        assert found.fields.dtype.itemsize <= MAX_FIELDS_BYTES
         assert ("take more than" in found.restart) == anew
 
 
 def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
-    monkeypatch.setattr(window, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 100_000)
     config = Config(max_points=2000)
     segmenter = Segmenter(config)
     first = segmenter.process(with_fields(500))

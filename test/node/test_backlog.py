@@ -102,7 +102,7 @@ def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
 
 @pytest.mark.parametrize("limits", [{"max_points": 10}, {"max_points": 10**9}, {"max_points": 0}])
 def test_what_waits_is_bounded_by_the_window_and_by_its_bytes(limits, monkeypatch):
-    monkeypatch.setattr("ellipseg_ros.node.backlog.MOST_BYTES", 40)
+    monkeypatch.setattr("ellipseg_ros.core.window.MAX_WINDOW_BYTES", 40)
     backlog = Backlog()
     for stamp in range(1, 101):
         group = update(stamp, **limits)

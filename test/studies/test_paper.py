@@ -8,7 +8,8 @@ import pytest
 from matplotlib.image import imread
 from tables import check_tables
 
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.tuning.curve import Curve
@@ -196,7 +197,7 @@ def test_the_first_reading_of_a_group_equals_the_package(group):
     reading = getattr(readings, group)[0]
     cut = first_window(open_source("sim:roadway", duration=0.5), Config())
     scene = readings.scene_of(cut.points, cut.origin)
-    name = CRITERIA[["SHAPES", "DENSITIES", "PARSIMONIES"].index(group)]
+    name = dict(zip(["SHAPES", "DENSITIES", "PARSIMONIES"], CRITERIA, strict=True))[group]
     for threshold in (0.01, 1.0, 4.0):
         found = segment(cut.points, Config(name, threshold), cut.origin)
         aicc, count, largest = readings.try_threshold(scene, reading, threshold)
