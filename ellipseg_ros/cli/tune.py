@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ellipseg_ros.cli.report import print_status, progress_bar
-from ellipseg_ros.cli.results import prepare
+from ellipseg_ros.cli.results import prepare, require_plots
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.cli.tune_results import (
@@ -32,6 +32,7 @@ ALL = "all"  # criteria
 
 def run(args: Namespace) -> int:
     """Tune on `args.sources` and write the results; returns 1 if a window has failed."""
+    require_plots(args)
     use_all = args.criterion == ALL
     options = vars(args) | ({"criterion": None} if use_all else {})
     settings, search = read_settings(Namespace(**options)), _search(args)
