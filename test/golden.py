@@ -1,4 +1,7 @@
-"""What the scenes give. As a program it writes golden.json anew: python test/golden.py [DATA]."""
+"""Digests of the results of scenes and scans.
+
+Rewrite golden.json after an intended change: python test/golden.py [FOLDER WITH SCANS]
+"""
 
 import json
 import sys

@@ -1,9 +1,9 @@
 from dataclasses import replace
 from itertools import pairwise
 
-import made
 import numpy as np
 import pytest
+import random_records
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -203,7 +203,7 @@ def plain_markers(found, rows, dead=(), clear=False):
 )
 @settings(max_examples=100, deadline=None)
 def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id, criterion):
-    found = made.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
+    found = random_records.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
     expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
     assert write_segments(found) == bytes(expected)
 
@@ -215,7 +215,7 @@ def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id
 )
 @settings(max_examples=50, deadline=None)
 def test_the_bytes_of_landmarks_are_those_of_the_record(segments, seed, frame_id):
-    found = made.segmentation(90, segments, seed, frame_id=frame_id)
+    found = random_records.segmentation(90, segments, seed, frame_id=frame_id)
     expected = STORE.serialize_cdr(plain_landmarks(found), TYPES["/landmarks"])
     assert write_landmarks(found, found.landmarks) == bytes(expected)
 
@@ -224,7 +224,7 @@ def test_landmarks_are_read_by_ros_itself():
     serialization = pytest.importorskip("rclpy.serialization")
     from ellipseg_ros.msg import Landmark, LandmarkArray
 
-    found = made.segmentation(90, 7)
+    found = random_records.segmentation(90, 7)
     data = write_landmarks(found, found.landmarks)
     read = serialization.deserialize_message(data, LandmarkArray)
     assert [mark.id for mark in read.landmarks] == list(found.landmarks.ids)
@@ -237,7 +237,7 @@ def test_landmarks_are_read_by_ros_itself():
 
 
 def test_without_objects_there_are_none_in_the_message():
-    found = made.segmentation(30, 5, objects=None)
+    found = random_records.segmentation(30, 5, objects=None)
     expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
     assert write_segments(found) == bytes(expected)
 
@@ -246,7 +246,9 @@ def test_every_number_of_parents_fits():
     lengths = np.array([0, 5, 0, 0, 1, 2, 3, 0])
     values = np.arange(lengths.sum(), dtype=np.uint32)
     parents = Ragged(np.append(0, np.cumsum(lengths)), values)
-    found = made.segmentation(30, 8, parents=parents, ids=np.arange(8, 0, -1).astype(np.uint32))
+    found = random_records.segmentation(
+        30, 8, parents=parents, ids=np.arange(8, 0, -1).astype(np.uint32)
+    )
     read = STORE.deserialize_cdr(write_segments(found), TYPES["/segments"])
     assert [s.id for s in read.segments] == list(range(1, 9))
     assert [s.parents.tolist() for s in read.segments[::-1]] == [
@@ -258,7 +260,7 @@ def test_segments_are_read_by_ros_itself():
     serialization = pytest.importorskip("rclpy.serialization")
     from ellipseg_ros.msg import SegmentArray
 
-    found = made.segmentation(30, 7)
+    found = random_records.segmentation(30, 7)
     read = serialization.deserialize_message(write_segments(found), SegmentArray)
     assert [s.id for s in read.segments] == sorted(found.ids)
     assert list(read.removed) == found.removed.tolist()
@@ -302,14 +304,16 @@ def sent(markers, found, **how):
 @settings(max_examples=100, deadline=None)
 def test_the_bytes_of_markers_are_those_of_the_objects(segments, seed, frame_id):
     markers = Markers(ALL)
-    first = made.segmentation(60, segments, seed, frame_id=frame_id)
+    first = random_records.segmentation(60, segments, seed, frame_id=frame_id)
     visible = np.flatnonzero(first.ellipsoids.count >= 1)
     kind = TYPES["/ellipsoids"]
     visible = visible[np.argsort(first.ids[visible])]
     expected = STORE.serialize_cdr(plain_markers(first, visible, clear=True), kind)
     assert markers.update(first) == bytes(expected)
 
-    kept = made.segmentation(60, 3, seed, frame_id=frame_id, sequence=1, ids=np.array([2, 4, 99]))
+    kept = random_records.segmentation(
+        60, 3, seed, frame_id=frame_id, sequence=1, ids=np.array([2, 4, 99])
+    )
     rows = np.flatnonzero(kept.ellipsoids.count >= 1)
     dead = sorted(set(first.ids[visible]) - set(kept.ids[rows]))
     expected = STORE.serialize_cdr(plain_markers(kept, rows, dead), kind)
@@ -324,7 +328,7 @@ def test_markers_are_read_by_ros_itself():
     serialization = pytest.importorskip("rclpy.serialization")
     from visualization_msgs.msg import MarkerArray
 
-    found = made.segmentation(100, 7, restart="a reset")
+    found = random_records.segmentation(100, 7, restart="a reset")
     read = serialization.deserialize_message(Markers(ALL).update(found), MarkerArray).markers
     assert [m.id for m in read] == [0, *range(1, 8)]
     assert [m.action for m in read] == [3] + [0] * 7
@@ -336,7 +340,7 @@ def test_markers_are_read_by_ros_itself():
 def steady(seconds, step=1.0, **changes):
     """Updates of 200 segments to which nothing happens but the first."""
     count = 200
-    first = made.segmentation(
+    first = random_records.segmentation(
         6000, count, ids=np.arange(1, count + 1).astype(np.uint32), state=np.zeros(count, np.uint8)
     )
     for k in range(round(seconds / step)):
@@ -428,7 +432,7 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
 
 
 def test_a_flat_ellipsoid_is_as_thick_as_a_millimetre_and_sigmas_scale_it():
-    found = made.segmentation(100, 5)
+    found = random_records.segmentation(100, 5)
     read = STORE.deserialize_cdr(
         Markers(NodeConfig(marker_min_count=1, marker_sigmas=3.0)).update(found),
         TYPES["/ellipsoids"],

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from dying import dying
+from crashing_worker import crashing_worker
 
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.errors import InputError
@@ -76,7 +76,7 @@ def test_every_damage_changes_something(samples, tmp_path):
 
 
 def test_a_process_that_dies_or_hangs_is_a_fault_and_replaced():
-    with Worker(dying, timeout_s=1.0) as worker:
+    with Worker(crashing_worker, timeout_s=1.0) as worker:
         assert worker.run({"kind": "dies"}, "las", "cut").fault == "the process ended with 7"
         assert "no answer within 1 s" in worker.run({"kind": "hangs"}, "las", "cut").fault
         assert worker.run({"kind": "good"}, "las", "cut").code == 2

@@ -10,9 +10,9 @@ from queue import Queue
 from threading import Event, Thread
 from types import SimpleNamespace
 
-import made
 import numpy as np
 import pytest
+import random_records
 import rclpy
 from clouds import street
 from diagnostic_msgs.msg import DiagnosticArray
@@ -283,7 +283,7 @@ class Tunings:
     def drive(self, until, period):
         """An update every second, of the clock and of the sensor."""
         while self.now < until:
-            found = made.segmentation(points=120, end_ns=round(self.now * SECOND))
+            found = random_records.segmentation(points=120, end_ns=round(self.now * SECOND))
             self.tuner.look(found, Config(), period)
             self.rest()
             self.now = math.floor(self.now) + 1.0
@@ -344,7 +344,7 @@ def test_its_priority_is_low_and_never_raised(monkeypatch, niceness):
     starter = Thread(target=started_nicely)
     starter.start()
     starter.join(60.0)
-    thread.look(made.segmentation(), Config(), 0.0)
+    thread.look(random_records.segmentation(), Config(), 0.0)
     assert thread.ask(lambda _: None) == ""
     assert seen.get(timeout=60.0) == max(present, niceness, tuner.NICE)
     thread.close()
@@ -369,7 +369,7 @@ def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
     heard = []
     for second in range(20):
         restart = "a jump" if second == 8 else ""
-        found = made.segmentation(end_ns=second * SECOND, restart=restart)
+        found = random_records.segmentation(end_ns=second * SECOND, restart=restart)
         thread.look(found, Config(), 3.0 if second < 15 else 0.0)
         if second in (3, 6, 11, 14):
             heard.append(ended.get(timeout=60.0))
@@ -380,6 +380,6 @@ def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
 
 def test_a_reset_takes_the_window_away():
     thread = Tuner(print, print)
-    thread.look(made.segmentation(), Config(), 0.0)
+    thread.look(random_records.segmentation(), Config(), 0.0)
     thread.forget()
     assert "no window" in thread.ask(print)

@@ -1,4 +1,4 @@
-"""Made-up results, for tests of what becomes of them."""
+"""Random records, for tests of code that converts or stores them."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,7 +16,7 @@ from ellipseg_ros.records import (
 
 
 def ellipsoids(count, rng):
-    """(s,) random ellipsoids of `count` points each, the first ones degenerate."""
+    """(s,) random ellipsoids with `count` (s,) points; the first two are degenerate."""
     s = len(count)
     eigenvalues = -np.sort(-rng.exponential(size=(s, 3)), axis=1)
     eigenvalues[:1] = 0.0
@@ -43,28 +43,28 @@ def ellipsoids(count, rng):
 
 
 def parents(count, rng):
-    """Random ids for `count` things, none to three each."""
+    """Random parent ids for `count` segments or objects, up to three each."""
     lengths = rng.integers(0, 4, count)
     values = rng.integers(1, 99, lengths.sum()).astype(np.uint32)
     return Ragged(np.append(0, np.cumsum(lengths)), values)
 
 
 def objects(labels, of_segment, rng):
-    """Objects with random records; labels (n,) of the points, of_segment (s,) rows of objects."""
+    """Random objects; labels (n,) of the points, of_segment (s,) the object of every segment."""
     o = int(of_segment.max(initial=-1)) + 1
     count = np.bincount(of_segment[labels[labels >= 0]], minlength=o) if o else np.zeros(0, int)
-    like = ellipsoids(count, rng)
+    shape = ellipsoids(count, rng)
     size = rng.exponential(size=(o, 3))
     return Objects(
         segment_labels=of_segment,
-        count=like.count,
-        mean=like.mean,
-        covariance=like.covariance,
-        box_min=like.mean - size,
-        box_max=like.mean + size,
-        planarity=like.planarity,
-        cylindricality=like.cylindricality,
-        sphericity=like.sphericity,
+        count=shape.count,
+        mean=shape.mean,
+        covariance=shape.covariance,
+        box_min=shape.mean - size,
+        box_max=shape.mean + size,
+        planarity=shape.planarity,
+        cylindricality=shape.cylindricality,
+        sphericity=shape.sphericity,
         hierarchy=Hierarchy(*(np.zeros(0, kind) for kind in "iid"), len(of_segment)),
         ids=rng.permutation(np.arange(1, o + 1)).astype(np.uint32),
         state=rng.integers(0, len(State), o).astype(np.uint8),
@@ -96,13 +96,13 @@ def landmarks(labels, rng, end_ns, count=7):
 
 
 def segmentation(points=400, segments=20, seed=0, **changes):
-    """A window of random points with random labels; `changes` replace parts of it."""
+    """A window of random points with random labels; `changes` replace fields of it."""
     rng = np.random.default_rng(seed)
     labels = rng.integers(-3, segments, points).astype(np.int32)
     count = np.bincount(labels[labels >= 0], minlength=segments)
     _, of_segment = np.unique(rng.integers(0, 1 + segments // 3, segments), return_inverse=True)
     end_ns = 1_700_000_000_123_456_789
-    made = {
+    values = {
         "labels": labels,
         "ellipsoids": ellipsoids(count, rng),
         "aicc": -123.5,
@@ -132,4 +132,4 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "restart": "",
         "threshold_change": "tuned",
     }
-    return Segmentation(**(made | changes))
+    return Segmentation(**(values | changes))

@@ -1,11 +1,11 @@
-"""A worker that dies and hangs when it is told to; apart from the test, so that it starts soon."""
+"""A worker process that crashes or hangs on request; few imports, so that it starts fast."""
 
 import os
 import time
 
 
-def dying(pipe):
-    """Answer tasks but those that are deadly."""
+def crashing_worker(pipe):
+    """Answer a task, unless its kind is to die or to hang."""
     pipe.send("ready")
     task = pipe.recv()
     if task["kind"] == "dies":
