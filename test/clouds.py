@@ -1,4 +1,4 @@
-"""Seeded clouds and streams of sweeps."""
+"""Clouds and streams for the tests; every one is seeded."""
 
 import numpy as np
 

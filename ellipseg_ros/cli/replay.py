@@ -1,4 +1,4 @@
-"""`ellipseg replay`: publish a recording, a cloud or a scene on ROS topics."""
+"""`ellipseg replay`: publish a recording, a cloud or a scene, for a node that runs."""
 
 import json
 from argparse import Namespace

@@ -1,4 +1,4 @@
-"""`ellipseg tune`: find the threshold with the lowest AICc over the windows of all sources."""
+"""`ellipseg tune`: the threshold of least AICc, over the windows of any number of sources."""
 
 import os
 from argparse import Namespace
@@ -7,18 +7,11 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ellipseg_ros.cli.report import print_status, progress_bar
-from ellipseg_ros.cli.results import prepare, require_plots
+from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.cli.tune_results import (
-    NAMES,
-    WINDOWS,
-    CurveStore,
-    TuningRun,
-    finish,
-    print_tuning,
-)
-from ellipseg_ros.core.criteria import CRITERIA
+from ellipseg_ros.cli.tune_results import KEPT, NAMES, Finished, Tuning, finish, show
+from ellipseg_ros.config import CRITERIA
 from ellipseg_ros.errors import ConfigError, EllipsegError
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.segmenter import warm_up
@@ -27,87 +20,86 @@ from ellipseg_ros.tuning.search import Search
 from ellipseg_ros.tuning.tasks import Task
 from ellipseg_ros.tuning.windows import windows
 
-ALL = "all"  # criteria
+ALL = "all"
 
 
 def run(args: Namespace) -> int:
-    """Tune on `args.sources` and write the results; returns 1 if a window has failed."""
-    require_plots(args)
-    use_all = args.criterion == ALL
-    options = vars(args) | ({"criterion": None} if use_all else {})
-    settings, search = read_settings(Namespace(**options)), _search(args)
-    criteria = tuple(CRITERIA) if use_all else (settings.config.criterion,)
+    """Tune on `args.sources` and write the results; 1 if a window has failed."""
+    everything = args.criterion == ALL
+    chosen = Namespace(**vars(args) | {"criterion": None} if everything else vars(args))
+    settings, search = read_settings(chosen), _search(args)
+    criteria = CRITERIA if everything else (settings.config.criterion,)
     for criterion in criteria:
-        search.grid(criterion)  # reports an invalid range here, not in every window
+        search.grid(criterion)  # refuses a bad range now, not in every window
     sources = {spec: open_input(spec, args) for spec in dict.fromkeys(args.sources)}
     first = next(iter(sources.values()))
     folder = Path(args.output or f"{first.name}_tuned")
     for spec in sources:
-        prepare(folder, spec, NAMES, keep=(WINDOWS,))
+        prepare(folder, spec, NAMES, KEPT)
     print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
-    tuning = TuningRun(list(sources), settings, criteria)
-    _run_all(sources, search, tuning, CurveStore(folder), args)
+    tuning = Tuning(list(sources), settings, criteria)
+    _run_all(sources, search, tuning, Finished(folder), args)
     if not tuning.results:
         raise EllipsegError(f"no window could be tuned: {'; '.join(tuning.problems[:3])}")
     finish(folder, tuning, args)
-    print_tuning(tuning, args)
+    show(tuning, args)
     return 1 if tuning.problems else 0
 
 
 def _search(args: Namespace) -> Search:
-    """The thresholds to try, from the command line or by default."""
+    """What the command line says of the thresholds, the rest by default."""
     names = ("lowest", "highest", "count")
-    options = {name: getattr(args, name) for name in names}
-    return Search(**{name: value for name, value in options.items() if value is not None})
+    given = {name: getattr(args, name) for name in names}
+    return Search(**{name: value for name, value in given.items() if value is not None})
 
 
 def _run_all(
     sources: dict[str, Source],
     search: Search,
-    tuning: TuningRun,
-    store: CurveStore,
+    tuning: Tuning,
+    finished: Finished,
     args: Namespace,
 ) -> None:
-    """Tune every window that is not in the store; store each as soon as it is finished."""
+    """Tune every window that is not finished yet; keep each as soon as it is."""
     total = _expected(sources, tuning.settings, args)
     with progress_bar(total, "windows", args) as bar, _workers(total, args) as workers:
 
-        def unfinished() -> Iterator[Task]:
+        def left() -> Iterator[Task]:
             for task in _tasks(sources, search, tuning, args):
-                curves = store.get(task.key)
+                curves = finished.get(task.key)
                 if curves is None:
                     yield task
                 else:
-                    tuning.add(task.cut, curves, reused=True)
+                    tuning.take(task.cut, curves, again=True)
                     bar.update()
 
-        for task, curves, problem in parallel.outcomes(unfinished(), workers):
+        for task, curves, problem in parallel.outcomes(left(), workers):
             if curves is None:
-                tuning.problems.append(f"window {task.cut.number} of {task.cut.source}: {problem}")
+                tuning.fail(f"window {task.cut.number} of {task.cut.source}: {problem}")
                 print_status(tuning.problems[-1], args)
             else:
-                store.put(task.key, curves)
-                tuning.add(task.cut, curves)
+                finished.put(task.key, curves)
+                tuning.take(task.cut, curves)
             bar.update()
 
 
 def _tasks(
-    sources: dict[str, Source], search: Search, tuning: TuningRun, args: Namespace
+    sources: dict[str, Source], search: Search, tuning: Tuning, args: Namespace
 ) -> Iterator[Task]:
-    """Yield the windows of all sources; an unreadable rest of a source is noted as a problem."""
+    """The windows of all sources; a source that breaks off is told, and the next one is read."""
     config = tuning.settings.config
     for spec, source in sources.items():
         try:
             for cut in windows(spec, source, config, args.every):
                 yield Task(cut, config, tuning.criteria, search)
         except EllipsegError as error:
-            tuning.problems.append(str(error) if spec in str(error) else f"{spec}: {error}")
+            tuning.fail(str(error) if spec in str(error) else f"{spec}: {error}")
             print_status(tuning.problems[-1], args)
 
 
 def _expected(sources: dict[str, Source], settings: Settings, args: Namespace) -> int | None:
-    """Approximate number of windows; None if the duration of a source is not known."""
+    """About how many windows there are; None if a source does not know how long it is."""
     every = settings.config.window_duration if args.every is None else args.every
     if not every > 0.0:
         raise ConfigError(f"--every is {every:g}; it must be more than 0 s")
@@ -118,7 +110,7 @@ def _expected(sources: dict[str, Source], settings: Settings, args: Namespace) -
 
 
 def _workers(total: int | None, args: Namespace) -> AbstractContextManager[parallel.Workers]:
-    """A cluster, processes, or for a single window the threads of this process."""
+    """Who does the work: a cluster, processes, or for a single window the threads of this one."""
     if args.scheduler:
         return parallel.dask(args.scheduler)
     jobs = len(os.sched_getaffinity(0)) if args.jobs is None else args.jobs

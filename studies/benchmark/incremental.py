@@ -7,8 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from ellipseg_ros.config import Config
-from ellipseg_ros.core.criteria import CRITERIA
+from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.records import ISOLATED, Array, Segmentation, Sweep
@@ -92,7 +91,7 @@ def _best_threshold(points: Array, criterion: str, sizes: Sizes) -> float:
             replace(
                 SEGMENTS_ONLY,
                 criterion=criterion,
-                threshold=CRITERIA[criterion].default_threshold * factor,
+                threshold=DEFAULT_THRESHOLDS[criterion] * factor,
             ),
         )
         for factor in sizes.factors
