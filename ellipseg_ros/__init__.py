@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # the same names for mypy and editors
     from ellipseg_ros.association.associate import associate as associate
+    from ellipseg_ros.association.associate import pair_residual as pair_residual
     from ellipseg_ros.association.landmark_map import LandmarkMap as LandmarkMap
+    from ellipseg_ros.association.landmark_map import StoredMap as StoredMap
+    from ellipseg_ros.association.landmark_map import (
+        concatenate_landmarks as concatenate_landmarks,
+    )
+    from ellipseg_ros.association.landmark_map import no_landmarks as no_landmarks
+    from ellipseg_ros.association.landmark_map import select_landmarks as select_landmarks
     from ellipseg_ros.config import AssociationConfig as AssociationConfig
     from ellipseg_ros.config import Config as Config
     from ellipseg_ros.config import MapConfig as MapConfig
@@ -56,12 +63,17 @@ _MODULES = {
     "Segmentation": "records",
     "Segmenter": "segmenter",
     "State": "records",
+    "StoredMap": "association.landmark_map",
     "Sweep": "records",
     "Verdict": "records",
     "associate": "association.associate",
+    "concatenate_landmarks": "association.landmark_map",
+    "no_landmarks": "association.landmark_map",
     "open_source": "io.sources",
+    "pair_residual": "association.associate",
     "read_map": "io.map_file",
     "segment": "segmenter",
+    "select_landmarks": "association.landmark_map",
     "tune": "tuning.search",
     "write_map": "io.map_file",
 }

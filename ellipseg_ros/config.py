@@ -4,7 +4,7 @@ The YAML file, the ROS parameters and the command line derive from it.
 """
 
 import numbers
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -13,25 +13,36 @@ from ellipseg_ros.errors import ConfigError
 T = TypeVar("T")
 Value = bool | int | float | str
 
-CRITERIA = ("shape", "density", "parsimony")
-DEFAULT_THRESHOLDS = {"shape": 4.8, "density": 0.6, "parsimony": 5.0}  # -, m, -
-OWN_THRESHOLD = -1.0  # `threshold` where a number must stand: the criterion's own default
+DEFAULT_THRESHOLD = -1.0  # as `threshold`: the default of the criterion
+
+
+def criterion_names() -> tuple[str, ...]:
+    """Names of the merge criteria."""
+    # Only now: that module imports numba, which `ellipseg --help` can do without.
+    from ellipseg_ros.core.criteria import CRITERIA
+
+    return tuple(CRITERIA)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What the metadata of a field say: meaning and limits of one setting."""
+    """Meaning and limits of one setting: the metadata of a field."""
 
     about: str
     unit: str = ""
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()
+    allowed: tuple[str, ...] | Callable[[], tuple[str, ...]] = ()
     live: bool = True  # may change while the node runs
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The values that are allowed; empty: all within the limits."""
+        return self.allowed() if callable(self.allowed) else self.allowed
 
 
 def setting(default: Any, about: str, **limits: Any) -> Any:
-    """Make a dataclass field that knows its meaning, unit and limits (see Setting)."""
+    """A dataclass field with meaning, unit and limits (see Setting)."""
     return field(default=default, metadata={"setting": Setting(about, **limits)})
 
 
@@ -167,9 +178,11 @@ class LandmarksConfig(Checked):
 class Config(Checked):
     """How points become segments, and segments objects."""
 
-    criterion: str = setting("shape", "what decides whether two segments merge", choices=CRITERIA)
+    criterion: str = setting(
+        "shape", "what decides whether two segments merge", allowed=criterion_names
+    )
     threshold: float | None = setting(
-        OWN_THRESHOLD,
+        DEFAULT_THRESHOLD,
         "merge while the criterion is at most this (shape, parsimony: no unit; density: m); "
         "-1: the criterion's own default",
         low=-1.0,
@@ -211,9 +224,9 @@ class Config(Checked):
 
     def __post_init__(self) -> None:
         if self.threshold is None:
-            object.__setattr__(self, "threshold", OWN_THRESHOLD)
+            object.__setattr__(self, "threshold", DEFAULT_THRESHOLD)
         super().__post_init__()
-        if self.threshold is not None and OWN_THRESHOLD < self.threshold < 0.0:
+        if self.threshold is not None and DEFAULT_THRESHOLD < self.threshold < 0.0:
             raise ConfigError(
                 f"threshold is {self.threshold:g}; it must be 0 or more, or -1 for the default"
             )
@@ -221,8 +234,10 @@ class Config(Checked):
     @property
     def tau(self) -> float:
         """The threshold in force: the given one, or the criterion's own default."""
-        if self.threshold is None or self.threshold == OWN_THRESHOLD:
-            return DEFAULT_THRESHOLDS[self.criterion]
+        if self.threshold is None or self.threshold == DEFAULT_THRESHOLD:
+            from ellipseg_ros.core.criteria import CRITERIA  # see criterion_names
+
+            return CRITERIA[self.criterion].default_threshold
         return self.threshold
 
 
@@ -326,7 +341,7 @@ class NodeConfig(Checked):
         "auto",
         "reliability asked of publishers of `points`; auto: reliable, unless one of them is best "
         "effort; best_effort matches every publisher, but large clouds get lost",
-        choices=("auto", "best_effort", "reliable"),
+        allowed=("auto", "best_effort", "reliable"),
         live=False,
     )
     input_depth: int = setting(
@@ -360,7 +375,7 @@ class NodeConfig(Checked):
     marker_colour: str = setting(
         "shape",
         "colour of a marker: of its shape, or of the object that it belongs to",
-        choices=("shape", "object"),
+        allowed=("shape", "object"),
     )
     marker_min_count: int = setting(
         12, "segments with fewer points have no marker", unit="points", low=1, high=1_000_000

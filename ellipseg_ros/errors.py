@@ -30,6 +30,8 @@ class InputError(EllipsegError):
 def missing_package(error: ModuleNotFoundError) -> str:
     """The package that could not be imported, with the command that installs it."""
     package = (error.name or "").partition(".")[0]
+    if package == "rclpy":
+        return "needs ROS 2: source its setup.bash, or pip install ros-jazzy-rclpy"
     extra = next((extra for extra, packages in EXTRAS.items() if package in packages), None)
     target = f"'ellipseg_ros[{extra}]'" if extra else package
     return f"needs the package {package}: pip install {target}"

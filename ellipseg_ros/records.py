@@ -17,7 +17,7 @@ Array: TypeAlias = npt.NDArray[Any]
 Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
 
 SECOND = 1_000_000_000  # ns
-WIDEST = 1024  # bytes of a point's fields: one that claims more is garbage
+MAX_FIELDS_BYTES = 1024  # of the fields of a point: one that claims more is garbage
 NOBODY: Array = np.zeros(0, np.int64)
 NEGLIGIBLE = 0.2  # share of a motion below which its description omits it
 
@@ -133,7 +133,7 @@ def too_wide(one: Layout, other: Layout) -> bool:
     Every point of a window has the fields of all: one cloud must not make all others larger.
     """
     joined = joined_layout(one, other)
-    return joined not in (None, one, other) and joined.itemsize > WIDEST
+    return joined not in (None, one, other) and joined.itemsize > MAX_FIELDS_BYTES
 
 
 def joined_layout(one: Layout, other: Layout) -> Layout:

@@ -1,107 +1,64 @@
-"""What the stages leave behind, as the record that users get."""
+"""The record of an update, from what the stages give."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from ellipseg_ros.core.contingency import contingency
-from ellipseg_ros.core.ellipsoids import (
-    COUNT,
-    COVARIANCE,
-    CYLINDRICALITY,
-    EIGENVALUES,
-    MEAN,
-    PLANARITY,
-    V1,
-    V2,
-    V3,
-)
-from ellipseg_ros.core.tracking import Tracks
-from ellipseg_ros.landmarks.finder import Found
-from ellipseg_ros.landmarks.fits import chosen
-from ellipseg_ros.landmarks.tracking import Followed
-from ellipseg_ros.objects.finder import Level
-from ellipseg_ros.records import Array, Ellipsoids, Landmarks, Objects, Ragged
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.segments import Segments, ellipsoid_records
+from ellipseg_ros.core.window import Arrivals, Window
+from ellipseg_ros.objects.stage import ObjectUpdate
+from ellipseg_ros.records import Landmarks, SegmentAdjacency, Segmentation
 
 
-def ellipsoid_records(own: Array, model: Array, aicc: Array, origin: Array) -> Ellipsoids:
-    """Nodes (s, 24) as a record in the world frame.
+@dataclass(frozen=True)
+class Cause:
+    """Which update it is, and what happened before it."""
 
-    own: moments of the points; model: of the unions; aicc (s,); origin (3,) m.
-    """
-    planarity, cylindricality = own[:, PLANARITY].copy(), own[:, CYLINDRICALITY].copy()
-    axes = np.stack([own[:, v : v + 3] for v in (V1, V2, V3)], axis=-1)
-    return Ellipsoids(
-        count=own[:, COUNT].astype(np.int64),
-        mean=own[:, MEAN : MEAN + 3] + origin,
-        covariance=_matrices(own),
-        eigenvalues=own[:, EIGENVALUES : EIGENVALUES + 3][:, ::-1].copy(),
-        axes=axes,
-        planarity=planarity,
-        cylindricality=cylindricality,
-        sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
-        aicc=aicc,
-        model_mean=model[:, MEAN : MEAN + 3] + origin,
-        model_covariance=_matrices(model),
+    sequence: int = 0
+    restart: str = ""
+    threshold_change: str = ""
+
+
+def segmentation_record(  # a record of everything
+    config: Config,
+    window: Window,
+    arrivals: Arrivals,
+    segments: Segments,
+    adjacency: SegmentAdjacency | None,
+    objects: ObjectUpdate,
+    landmarks: Landmarks | None,
+    cause: Cause,
+) -> Segmentation:
+    """The segmentation of a window after an update."""
+    points = window.points
+    return Segmentation(
+        labels=segments.labels,
+        ellipsoids=ellipsoid_records(segments, window.origin),
+        aicc=float(np.sum(segments.aicc)),
+        criterion=config.criterion,
+        threshold=config.tau,
+        origin=window.origin,
+        points=points.position,
+        arrival=points.arrival,
+        times_ns=points.times_ns,
+        fields=window.fields,
+        frame_id=window.frame_id,
+        ids=segments.tracks.ids,
+        state=segments.tracks.state,
+        parents=segments.tracks.parents,
+        removed=segments.tracks.removed,
+        objects=objects.objects,
+        removed_objects=objects.removed,
+        adjacency=adjacency,
+        landmarks=landmarks,
+        first_seen_ns=segments.times_ns[:, 0],
+        last_seen_ns=segments.times_ns[:, 1],
+        start_ns=window.start_ns,
+        end_ns=window.end_ns,
+        late=arrivals.late,
+        evicted=arrivals.evicted,
+        sequence=cause.sequence,
+        restart=cause.restart,
+        threshold_change=cause.threshold_change,
     )
-
-
-def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
-    """What was found of objects as a record in the world frame; origin (3,) m."""
-    planarity, cylindricality = (
-        level.nodes[:, PLANARITY].copy(),
-        level.nodes[:, CYLINDRICALITY].copy(),
-    )
-    return Objects(
-        segment_labels=level.of_segment,
-        count=level.nodes[:, COUNT].astype(np.int64),
-        mean=level.nodes[:, MEAN : MEAN + 3] + origin,
-        covariance=_matrices(level.nodes),
-        box_min=level.low + origin,
-        box_max=level.high + origin,
-        planarity=planarity,
-        cylindricality=cylindricality,
-        sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
-        hierarchy=level.hierarchy,
-        ids=tracks.ids,
-        state=tracks.state,
-        parents=tracks.parents,
-    )
-
-
-def landmark_records(found: Found, followed: Followed, labels: Array, origin: Array) -> Landmarks:
-    """What was found of landmarks as a record in the world frame, ascending by id.
-
-    labels (n,) int32: the segment of every point; origin (3,) m.
-    """
-    order = np.argsort(followed.ids)
-    rank = np.full(len(order) + 1, -1, np.int32)
-    rank[order] = np.arange(len(order))
-    fits, point_labels = chosen(found.fits, order), rank[found.of_point]
-    landmarks = Landmarks(
-        ids=followed.ids[order],
-        kind=found.kind[order],
-        count=fits.count,
-        position=fits.position + origin,
-        axes=fits.axes,
-        sigma=fits.sigma,
-        box_min=fits.low,
-        box_max=fits.high,
-        covariance=fits.covariance,
-        stability=followed.stability[order],
-        first_seen_ns=followed.first_seen_ns[order],
-        segments=_segments_of(point_labels, labels, len(order)),
-        point_labels=point_labels,
-        removed=followed.removed,
-    )
-    return landmarks
-
-
-def _segments_of(point_labels: Array, labels: Array, landmarks: int) -> Ragged:
-    """The segments that the points of every landmark are in."""
-    shared = contingency(point_labels, labels, (landmarks, int(labels.max(initial=-1)) + 1))
-    return Ragged(shared.starts, shared.columns.astype(np.int64))
-
-
-def _matrices(nodes: Array) -> Array:
-    """(s, 3, 3) from xx, xy, xz, yy, yz, zz."""
-    six = nodes[:, COVARIANCE : COVARIANCE + 6]
-    return six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)

@@ -1,11 +1,11 @@
-"""A pose graph that landmarks close: associations of ellipseg_ros as factors of GTSAM.
+"""Loop closure in a pose graph: associations of landmarks as factors of GTSAM.
 
-    pip install gtsam matplotlib
+    pip install '.[slam,plots]'
     python examples/close_loop.py [PICTURE.png]
 
-A vehicle drives around a block; its odometry drifts. Its last landmarks are associated with its
-first ones, and each pair becomes a factor between the two poses that have seen them: in the
-directions that the landmark's shape determines, and in no other.
+A vehicle drives around a block while its odometry drifts. The landmarks at the end of the drive
+are associated with those at its start. Each pair becomes a factor between the two poses that
+observed the landmark, in the directions that its shape determines and in no other.
 """
 
 import sys
@@ -15,98 +15,110 @@ from functools import partial
 import gtsam
 import numpy as np
 
-from ellipseg_ros.association.associate import associate, pair_residual
-from ellipseg_ros.association.landmark_map import (
+from ellipseg_ros import (
+    Association,
+    Kind,
+    Landmarks,
+    associate,
     concatenate_landmarks,
     no_landmarks,
+    pair_residual,
     select_landmarks,
 )
-from ellipseg_ros.records import DETERMINED, Association, Kind, Landmarks
+from ellipseg_ros.records import DETERMINED
 
-SIDE = 40.0  # m, of the block
-STEP = 2.0  # m between two poses
-RANGE = 15.0  # m within which a landmark is seen
-DRIFT = (0.0002, 0.0002, 0.0016, 0.002, 0.01, 0.002)  # rad, m: mean error of a step
-STEP_SIGMA = (0.001, 0.001, 0.002, 0.01, 0.01, 0.005)  # and its deviations; GTSAM's order
-NOISE = {Kind.PLANE: (0.02, 0.004, 0.004), Kind.LINE: (0.02, 0.02, 0.01, 0.01),
-         Kind.BLOB: (0.08, 0.08, 0.08)}  # m, rad: of the determined motions  # fmt: skip
+BLOCK_SIDE = 40.0  # m
+POSE_DISTANCE = 2.0  # m between consecutive poses
+MAX_RANGE = 15.0  # m, farthest observed landmark
+# Error of the odometry per step: rotation (rad), translation (m), in the order of GTSAM.
+STEP_BIAS = (0.0002, 0.0002, 0.0016, 0.002, 0.01, 0.002)
+STEP_SIGMA = (0.001, 0.001, 0.002, 0.01, 0.01, 0.005)
+# Standard deviations of the determined motions of a landmark, m and rad.
+LANDMARK_SIGMA = {
+    Kind.PLANE: (0.02, 0.004, 0.004),
+    Kind.LINE: (0.02, 0.02, 0.01, 0.01),
+    Kind.BLOB: (0.08, 0.08, 0.08),
+}
 
 
-# --- the factors: this is what a back-end needs --------------------------------------------------
+# --- factors: the part that a back-end needs -----------------------------------------------------
 
 
 def landmark_factor(
-    first: int, second: int, one: Landmarks, other: Landmarks
+    pose_a: int, pose_b: int, landmark_a: Landmarks, landmark_b: Landmarks
 ) -> gtsam.CustomFactor:
-    """A factor between two poses that have seen one thing.
+    """Factor between two poses that observed the same landmark.
 
-    one, other: the landmark as seen by the first and by the second pose, in their own frames; sets
-    of one row.
+    landmark_a, landmark_b: the landmark as observed from each pose, in the frame of that pose;
+    sets of one row.
     """
-    covariance = pair_residual(one, other, (0, 0), np.eye(4)).covariance
+    covariance = pair_residual(landmark_a, landmark_b, (0, 0), np.eye(4)).covariance
     noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
     robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(2.0), noise)
-    return gtsam.CustomFactor(robust, [first, second], partial(_error, one, other))
+    return gtsam.CustomFactor(robust, [pose_a, pose_b], partial(_error, landmark_a, landmark_b))
 
 
-def _error(one, other, factor, values, jacobians):
-    """Residual, and its derivatives by the two poses as GTSAM perturbs them (rotation first)."""
-    first, second = (values.atPose3(key) for key in factor.keys())
-    between = first.between(second)
-    found = pair_residual(one, other, (0, 0), between.matrix())
+def _error(landmark_a, landmark_b, factor, values, jacobians):
+    """Residual, and its derivatives by both poses as GTSAM perturbs them (rotation first)."""
+    pose_a, pose_b = (values.atPose3(key) for key in factor.keys())
+    T_a_b = pose_a.between(pose_b)
+    residual = pair_residual(landmark_a, landmark_b, (0, 0), T_a_b.matrix())
     if jacobians is not None:
-        by_motion = np.hstack([found.jacobian[:, 3:], found.jacobian[:, :3]])
+        by_motion = np.hstack([residual.jacobian[:, 3:], residual.jacobian[:, :3]])
         jacobians[0] = -by_motion
-        jacobians[1] = by_motion @ between.AdjointMap()
-    return found.residual
+        jacobians[1] = by_motion @ T_a_b.AdjointMap()
+    return residual.residual
 
 
 # --- a drive around a block ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """Landmarks that a pose has seen, in its own frame."""
+class Observation:
+    """Landmarks observed from a pose, in the frame of the pose."""
 
     pose: int
     landmarks: Landmarks
 
 
 def true_poses() -> list[gtsam.Pose3]:
-    """Once around the block, and a little farther."""
+    """Poses once around the block and some metres beyond the start."""
     poses = []
-    for distance in np.arange(0.0, 4.0 * SIDE + 12.0, STEP):
-        side, along = divmod(distance / SIDE, 1.0)
+    for distance in np.arange(0.0, 4.0 * BLOCK_SIDE + 12.0, POSE_DISTANCE):
+        side, along = divmod(distance / BLOCK_SIDE, 1.0)
         corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])[int(side) : int(side) + 2]
         corner = corner if len(corner) == 2 else np.array([[0, 0], [1, 0]])
-        x, y = SIDE * (corner[0] + along * (corner[1] - corner[0]))
+        x, y = BLOCK_SIDE * (corner[0] + along * (corner[1] - corner[0]))
         poses.append(gtsam.Pose3(gtsam.Rot3.Yaw(side * np.pi / 2.0), np.array([x, y, 1.5])))
     return poses
 
 
-def town(rng: np.random.Generator) -> Landmarks:
+def simulated_town(rng: np.random.Generator) -> Landmarks:
     """Walls, poles and bushes on both sides of the road, and the ground."""
-    found = no_landmarks()
+    landmarks = no_landmarks()
     for _ in range(110):
         kind = Kind(rng.integers(0, 3))
-        place = rng.uniform(-12.0, SIDE + 12.0, 2)
-        if np.abs(np.clip(place, 0.0, SIDE) - place).max() < 3.0 and not inside(place):
-            continue
+        place = rng.uniform(-12.0, BLOCK_SIDE + 12.0, 2)
+        if np.abs(np.clip(place, 0.0, BLOCK_SIDE) - place).max() < 3.0 and not inside_block(place):
+            continue  # on the road
         azimuth = rng.choice([0.0, np.pi / 2.0]) + rng.normal(scale=0.1)
-        found = concatenate_landmarks(found, thing(kind, np.append(place, 1.5), azimuth, rng))
-    ground = thing(Kind.PLANE, np.zeros(3), 0.0, rng)
+        landmarks = concatenate_landmarks(
+            landmarks, landmark(kind, np.append(place, 1.5), azimuth, rng)
+        )
+    ground = landmark(Kind.PLANE, np.zeros(3), 0.0, rng)
     half = np.array([[80.0, 80.0, 0.05]])
-    ground = replace(ground, axes=np.eye(3)[None], box_min=-half, box_max=half)
-    return concatenate_landmarks(found, ground)
+    return concatenate_landmarks(
+        landmarks, replace(ground, axes=np.eye(3)[None], box_min=-half, box_max=half)
+    )
 
 
-def inside(place: np.ndarray) -> bool:
-    """Whether a place lies in the block, clear of the road."""
-    return bool((np.abs(place - SIDE / 2.0) < SIDE / 2.0 - 3.0).all())
+def inside_block(place: np.ndarray) -> bool:
+    """Whether a place is inside the block and off the road."""
+    return bool((np.abs(place - BLOCK_SIDE / 2.0) < BLOCK_SIDE / 2.0 - 3.0).all())
 
 
-def thing(kind: Kind, place: np.ndarray, azimuth: float, rng: np.random.Generator) -> Landmarks:
-    """A set of one landmark."""
+def landmark(kind: Kind, place: np.ndarray, azimuth: float, rng: np.random.Generator) -> Landmarks:
+    """A set of one landmark with random size."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     axes = {
         Kind.PLANE: np.array([[c, 0.0, s], [s, 0.0, -c], [0.0, 1.0, 0.0]]),
@@ -120,7 +132,7 @@ def thing(kind: Kind, place: np.ndarray, azimuth: float, rng: np.random.Generato
     }[kind]
     covariance = np.zeros((6, 6))
     motions = list(DETERMINED[kind])
-    covariance[motions, motions] = np.square(NOISE[kind])
+    covariance[motions, motions] = np.square(LANDMARK_SIGMA[kind])
     return Landmarks(
         ids=np.ones(1, np.uint32),
         kind=np.array([kind], np.uint8),
@@ -136,8 +148,8 @@ def thing(kind: Kind, place: np.ndarray, azimuth: float, rng: np.random.Generato
     )
 
 
-def moved(landmarks: Landmarks, pose: gtsam.Pose3) -> Landmarks:
-    """The set under a transform."""
+def transformed(landmarks: Landmarks, pose: gtsam.Pose3) -> Landmarks:
+    """The landmarks in the frame that a transform leads to."""
     rotation, translation = pose.rotation().matrix(), pose.translation()
     return replace(
         landmarks,
@@ -146,35 +158,36 @@ def moved(landmarks: Landmarks, pose: gtsam.Pose3) -> Landmarks:
     )
 
 
-def see(
-    world: Landmarks, poses: list[gtsam.Pose3], which: range, rng: np.random.Generator
-) -> list[Sighting]:
-    """Each landmark in range, once: by the pose nearest to it, with errors of its covariance."""
-    places = np.array([poses[k].translation() for k in which])
-    apart = np.linalg.norm(world.position[:, None] - places[None], axis=2)
-    found = []
-    for n, pose in enumerate(which):
-        rows = np.flatnonzero((apart.argmin(axis=1) == n) & (apart.min(axis=1) < RANGE))
+def observe(
+    world: Landmarks, poses: list[gtsam.Pose3], indices: range, rng: np.random.Generator
+) -> list[Observation]:
+    """Observe each landmark in range from the nearest pose, with errors of its covariance."""
+    places = np.array([poses[k].translation() for k in indices])
+    distance = np.linalg.norm(world.position[:, None] - places[None], axis=2)
+    observations = []
+    for n, pose in enumerate(indices):
+        rows = np.flatnonzero((distance.argmin(axis=1) == n) & (distance.min(axis=1) < MAX_RANGE))
         error = np.einsum(
             "nij,nj->ni", np.sqrt(world.covariance[rows]), rng.normal(size=(len(rows), 6))
         )
-        turn = [gtsam.Rot3.Expmap(w).matrix() for w in error[:, 3:]]
-        seen = select_landmarks(world, rows)
-        seen = replace(
-            seen,
-            position=seen.position + np.einsum("nij,nj->ni", seen.axes, error[:, :3]),
-            axes=seen.axes @ np.array(turn).reshape(-1, 3, 3),
+        rotations = [gtsam.Rot3.Expmap(w).matrix() for w in error[:, 3:]]
+        exact = select_landmarks(world, rows)
+        noisy = replace(
+            exact,
+            position=exact.position + np.einsum("nij,nj->ni", exact.axes, error[:, :3]),
+            axes=exact.axes @ np.array(rotations).reshape(-1, 3, 3),
         )
-        found.append(Sighting(pose, moved(seen, poses[pose].inverse())))
-    return found
+        observations.append(Observation(pose, transformed(noisy, poses[pose].inverse())))
+    return observations
 
 
-def window(sightings: list[Sighting], poses: list[gtsam.Pose3]) -> Landmarks:
-    """The landmarks of some sightings in the frame of the poses: what the node publishes."""
-    found = no_landmarks()
-    for sighting in sightings:
-        found = concatenate_landmarks(found, moved(sighting.landmarks, poses[sighting.pose]))
-    return found
+def in_odometry_frame(observations: list[Observation], poses: list[gtsam.Pose3]) -> Landmarks:
+    """The observed landmarks in the frame of the odometry, as the node publishes them."""
+    landmarks = no_landmarks()
+    for observation in observations:
+        observed = transformed(observation.landmarks, poses[observation.pose])
+        landmarks = concatenate_landmarks(landmarks, observed)
+    return landmarks
 
 
 # --- the pose graph ------------------------------------------------------------------------------
@@ -182,11 +195,11 @@ def window(sightings: list[Sighting], poses: list[gtsam.Pose3]) -> Landmarks:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of it."""
+    """Positions of all poses, and the association that closed the loop."""
 
     truth: np.ndarray  # (n, 3) m
-    odometry: np.ndarray  # (n, 3)
-    closed: np.ndarray  # (n, 3)
+    odometry: np.ndarray  # (n, 3) m
+    closed: np.ndarray  # (n, 3) m, optimised
     association: Association
 
     def error(self, places: np.ndarray) -> float:
@@ -195,44 +208,53 @@ class Result:
 
 
 def drive(seed: int = 1) -> Result:
-    """Drive around the block, associate, close the loop."""
+    """Drive around the block, associate the landmarks, optimise the pose graph."""
     rng = np.random.default_rng(seed)
     truth = true_poses()
     steps = [a.between(b) for a, b in zip(truth[:-1], truth[1:], strict=True)]
-    measured = [step.compose(gtsam.Pose3.Expmap(rng.normal(DRIFT, STEP_SIGMA))) for step in steps]
+    measured = [
+        step.compose(gtsam.Pose3.Expmap(rng.normal(STEP_BIAS, STEP_SIGMA))) for step in steps
+    ]
     odometry = [truth[0]]
     for step in measured:
         odometry.append(odometry[-1].compose(step))
 
-    world = town(rng)
-    begin = see(world, truth, range(8), rng)
-    end = see(world, truth, range(len(truth) - 8, len(truth)), rng)
-    earlier, later = window(begin, odometry), window(end, odometry)
+    world = simulated_town(rng)
+    start = observe(world, truth, range(8), rng)
+    end = observe(world, truth, range(len(truth) - 8, len(truth)), rng)
+    earlier, later = in_odometry_frame(start, odometry), in_odometry_frame(end, odometry)
     association = associate(earlier, later)
 
     graph = gtsam.NonlinearFactorGraph()
     graph.add(gtsam.PriorFactorPose3(0, truth[0], gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)))
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.hypot(DRIFT, STEP_SIGMA))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.hypot(STEP_BIAS, STEP_SIGMA))
     for k, step in enumerate(measured):
         graph.add(gtsam.BetweenFactorPose3(k, k + 1, step, noise))
-    places = [[(s.pose, s.landmarks, r) for s in part for r in range(len(s.landmarks))]
-              for part in (begin, end)]  # by row of the sets  # fmt: skip
-    for i, j in association.pairs:
-        (first, one, a), (second, other, b) = places[0][i], places[1][j]
-        one, other = select_landmarks(one, [a]), select_landmarks(other, [b])
-        graph.add(landmark_factor(first, second, one, other))
+    start_rows, end_rows = observed_rows(start), observed_rows(end)
+    for row_a, row_b in association.pairs:
+        (pose_a, landmark_a), (pose_b, landmark_b) = start_rows[row_a], end_rows[row_b]
+        graph.add(landmark_factor(pose_a, pose_b, landmark_a, landmark_b))
 
     values = gtsam.Values()
     for k, pose in enumerate(odometry):
         values.insert(k, pose)
-    best = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-    closed = [best.atPose3(k) for k in range(len(truth))]
+    optimised = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    closed = [optimised.atPose3(k) for k in range(len(truth))]
     tracks = (np.array([p.translation() for p in poses]) for poses in (truth, odometry, closed))
     return Result(*tracks, association)
 
 
+def observed_rows(observations: list[Observation]) -> list[tuple[int, Landmarks]]:
+    """Pose and landmark of every row of `in_odometry_frame`."""
+    return [
+        (observation.pose, select_landmarks(observation.landmarks, [row]))
+        for observation in observations
+        for row in range(len(observation.landmarks))
+    ]
+
+
 def draw(result: Result, path: str) -> None:
-    """Before and after, from above."""
+    """Draw the track before and after optimisation, from above."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
@@ -254,11 +276,11 @@ def draw(result: Result, path: str) -> None:
 
 
 def main() -> None:
-    """Print what was found; draw it, if a file is named."""
+    """Print the result; draw it if a file is given."""
     result = drive()
-    found = result.association
-    print(f"{len(found)} pairs, {found.verdict.name}")
-    print(f"undetermined: {found.undetermined_names or 'nothing'}")
+    association = result.association
+    print(f"{len(association)} pairs, {association.verdict.name}")
+    print(f"undetermined: {association.undetermined_names or 'nothing'}")
     print(f"error of the odometry {result.error(result.odometry):.3f} m")
     print(f"error of the closed loop {result.error(result.closed):.3f} m")
     if len(sys.argv) > 1:

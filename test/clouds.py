@@ -1,4 +1,4 @@
-"""Clouds and streams for the tests; every one is seeded."""
+"""Seeded clouds and streams of sweeps."""
 
 import numpy as np
 

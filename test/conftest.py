@@ -12,22 +12,22 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder with the real scans, which aren't part of the repository."""
+    """The folder with real scans, which are not part of the repository."""
     folder = ROOT.parent / "shared" / "data"
     if not folder.is_dir():
-        pytest.skip(f"no real scans: there is no folder {folder}")
+        pytest.skip(f"needs real scans in {folder}")
     return folder
 
 
 @pytest.fixture
 def ros_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID for this test alone, set in the environment."""
+    """A ROS_DOMAIN_ID that only this test uses, set in the environment."""
     yield from _domain()
 
 
 @pytest.fixture(scope="session")
 def session_ros_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID for this pytest process, for fixtures that outlive a test."""
+    """A ROS_DOMAIN_ID that only this pytest process uses, for fixtures of a wider scope."""
     yield from _domain()
 
 

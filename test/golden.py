@@ -1,4 +1,7 @@
-"""What the scenes give. As a program it writes golden.json anew: python test/golden.py [DATA]."""
+"""Digests of the results of scenes and scans.
+
+Rewrite golden.json after an intended change: python test/golden.py [FOLDER WITH SCANS]
+"""
 
 import json
 import sys
@@ -9,8 +12,8 @@ import numpy as np
 
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.simulation import simulator
-from studies.endurance.determinism import CRITERIA, DURATION, digest, last_update
-from studies.endurance.determinism import SCENES as SIMULATED
+from studies.endurance.digests import CRITERIA, DURATION, digest, last_update
+from studies.endurance.digests import SCENES as SIMULATED
 
 FILE = Path(__file__).with_name("golden.json")
 REAL = {  # every so manieth point, up to a time in s

@@ -1,4 +1,4 @@
-"""Random streams of sweeps, and the comparison of an update with its batch twin."""
+"""Random streams of sweeps, and the comparison of an update with the batch result."""
 
 import numpy as np
 from clouds import SECOND, street
@@ -8,7 +8,7 @@ from ellipseg_ros.segmenter import segment
 
 
 def assert_batch(found, config):
-    """`found` is what `segment` gives for the points in its window."""
+    """Assert that an update equals `segment` of the points in its window."""
     again = segment(found.points, config, found.origin)
     for name in ("labels", "aicc", "threshold", "criterion"):
         assert np.array_equal(getattr(found, name), getattr(again, name)), name

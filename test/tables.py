@@ -4,7 +4,7 @@ import re
 
 
 def check_tables(text):
-    """Every line of a table has as many cells as its head; returns how many tables there are."""
+    """Assert that all lines of a table have equally many cells; returns the number of tables."""
     blocks = re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE)
     for block in blocks:
         lines = block.splitlines()

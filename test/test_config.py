@@ -1,15 +1,7 @@
 import pytest
 
-from ellipseg_ros.config import (
-    CRITERIA,
-    DEFAULT_THRESHOLDS,
-    Config,
-    GraphConfig,
-    NodeConfig,
-    flatten,
-    walk,
-    with_values,
-)
+from ellipseg_ros.config import Config, GraphConfig, NodeConfig, flatten, walk, with_values
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError
 
 
@@ -53,7 +45,9 @@ def test_an_integer_does_for_a_double():
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("unset", [None, -1, -1.0])
 def test_without_a_threshold_the_criterions_own_one_is_in_force(criterion, unset):
-    assert Config(criterion=criterion, threshold=unset).tau == DEFAULT_THRESHOLDS[criterion]
+    assert (
+        Config(criterion=criterion, threshold=unset).tau == CRITERIA[criterion].default_threshold
+    )
 
 
 def test_nested_settings_have_dotted_names():

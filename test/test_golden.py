@@ -6,9 +6,9 @@ import golden
 import pytest
 
 from ellipseg_ros.core import jit
-from studies.endurance import determinism as sameness
-from studies.endurance.determinism import CRITERIA, digest, in_pieces, last_update
-from studies.endurance.promises import Trial
+from studies.endurance.determinism import determinism, run_digests
+from studies.endurance.digests import CRITERIA, digest, in_pieces, last_update
+from studies.endurance.requirements import Options
 
 EXPECTED = json.loads(golden.FILE.read_text(encoding="utf-8"))
 # sin, cos and log differ between machines by an ulp: a merge here and there goes the other way.
@@ -45,9 +45,9 @@ def test_every_golden_scene_is_compared():
 
 
 def with_threads(count, monkeypatch):
-    for module in ("jit", "merge", "sorting"):
+    for module in ("jit", "merge", "edge_sorting"):
         monkeypatch.setattr(f"ellipseg_ros.core.{module}.THREADS", count)
-    monkeypatch.setattr(jit, "LEAST", 100)
+    monkeypatch.setattr(jit, "MIN_ROWS_PER_THREAD", 100)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
@@ -61,15 +61,14 @@ def test_neither_threads_nor_chunks_change_a_bit(criterion, monkeypatch):
         assert digest(last_update(list(in_pieces(sweeps, pieces)), criterion)) == expected
 
 
-def test_the_trial_tells_what_is_not_the_same(monkeypatch):
+def test_a_different_digest_is_reported():
     digests = iter("aabaa")
-    monkeypatch.setattr(sameness, "_run", lambda *_: {"digests": next(digests)})
-    (promise,) = sameness.sameness(Trial(quick=True))
-    assert promise.figure == "4 of 5 runs the same" and not promise.kept
+    (row,) = determinism(Options(quick=True), lambda *_: {"digests": next(digests)})
+    assert row.measured == "4 of 5 runs equal" and not row.met
 
 
-def test_a_process_of_its_own_gives_the_same():
-    told = sameness._run(("roadway",), 2, 2)
+def test_another_process_gives_the_same_digests():
+    results = run_digests(("roadway",), 2, 2, [])
     sweeps = golden.simulated("roadway")
     expected = {f"roadway, {rule}": digest(last_update(sweeps, rule)) for rule in CRITERIA}
-    assert told["digests"] == expected
+    assert results["digests"] == expected

@@ -156,7 +156,7 @@ def test_shared_between_any_number_of_threads_the_walk_finds_the_same(criterion,
     points = street(4000, np.random.default_rng(15))
     config = Config(criterion=criterion, threshold=tau)
     alone = segment(points, config)
-    monkeypatch.setattr("ellipseg_ros.core.merge.SLABBED", 0)
+    monkeypatch.setattr("ellipseg_ros.core.merge.SLAB_MIN_VERTICES", 0)
     for threads in (1, 2, 3, 7, 200):
         monkeypatch.setattr("ellipseg_ros.core.merge.THREADS", threads)
         shared = segment(points, config)
@@ -170,7 +170,7 @@ def test_shared_between_any_number_of_threads_the_walk_finds_the_same(criterion,
 def test_shared_between_threads_the_walk_of_a_small_cloud_finds_the_same(monkeypatch):
     points = street(150, np.random.default_rng(16))
     alone = segment(points)
-    monkeypatch.setattr("ellipseg_ros.core.merge.SLABBED", 0)
+    monkeypatch.setattr("ellipseg_ros.core.merge.SLAB_MIN_VERTICES", 0)
     monkeypatch.setattr("ellipseg_ros.core.merge.THREADS", 2)
     assert np.array_equal(alone.labels, segment(points).labels)
 

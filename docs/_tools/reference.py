@@ -26,7 +26,7 @@ from ellipseg_ros.config import (
     walk,
 )
 from ellipseg_ros.node.playback import ReplayOptions
-from ellipseg_ros.ros.replayer import ReplaySource
+from ellipseg_ros.ros.replayer import Place
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "reference"
@@ -74,7 +74,7 @@ def parameters() -> str:
     sections = [
         ("Segmenter", (Config(), NodeConfig())),
         ("Associator", (AssociationConfig(), MapConfig(), AssociatorConfig())),
-        ("Replayer", (ReplayOptions(), ReplaySource())),
+        ("Replayer", (ReplayOptions(), Place())),
     ]
     parts = [f"## {title}\n\n{parameter_table(records)}" for title, records in sections]
     return "\n\n".join(["# Parameters", PARAMETERS.strip(), *parts])

@@ -18,7 +18,7 @@ from ellipseg_ros.cli.report import (
     print_summary,
     progress_bar,
 )
-from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare
+from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare, require_plots
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
@@ -68,6 +68,7 @@ class LiveRun:
 
 def run(args: Namespace) -> int:
     """Run, verify and report; returns the exit code, 1 if the verification failed."""
+    require_plots(args)
     source = open_input(args.data, args)
     is_drive = bool(source.duration)
     defaults = {"max_points_per_second": MAX_POINTS_PER_SECOND} if is_drive else {}
@@ -126,7 +127,7 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
         clock=False,
         ahead=AHEAD * period,
         update_period=period,
-        update_timeout=UPDATE_TIMEOUT_S,
+        patience=UPDATE_TIMEOUT_S,
     )
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / BAG, settings.node))

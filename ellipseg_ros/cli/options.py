@@ -4,9 +4,6 @@ Imports nothing heavy, so that `--help` is instant.
 """
 
 import argparse
-from collections.abc import Sequence
-
-from ellipseg_ros.config import CRITERIA
 
 SCENES = "woodland, industrial, roadway, mixed"
 SOURCES = (
@@ -71,11 +68,11 @@ def add_parameter_options(command: argparse.ArgumentParser) -> "argparse._Argume
 
 
 def add_segmentation_options(
-    command: argparse.ArgumentParser, criteria: Sequence[str] = CRITERIA
+    command: argparse.ArgumentParser, criterion_help: str = "merge criterion (shape)"
 ) -> None:
     """--params, --set, --criterion and --threshold."""
     group = add_parameter_options(command)
-    group.add_argument("--criterion", choices=criteria, help="merge criterion")
+    group.add_argument("--criterion", metavar="NAME", help=criterion_help)
     group.add_argument(
         "--threshold", metavar="T", help="merge while the criterion is at most this value"
     )

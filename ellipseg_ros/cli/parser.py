@@ -17,7 +17,6 @@ from ellipseg_ros.cli.options import (
     add_source_options,
     new_parser,
 )
-from ellipseg_ros.config import CRITERIA
 
 EXAMPLES = """examples:
   ellipseg segment drive.mcap               segment a bag; writes drive_segmented/
@@ -125,7 +124,7 @@ def _tune(command: argparse.ArgumentParser) -> None:
         "are not computed again",
     )
     add_source_options(command)
-    add_segmentation_options(command, [*CRITERIA, "all"])
+    add_segmentation_options(command, "merge criterion (shape), or all")
     group = command.add_argument_group("windows and thresholds")
     group.add_argument(
         "--every", type=float, metavar="S", help="s from window to window (window_duration)"

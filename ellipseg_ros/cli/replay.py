@@ -1,4 +1,4 @@
-"""`ellipseg replay`: publish a recording, a cloud or a scene, for a node that runs."""
+"""`ellipseg replay`: publish a recording, a cloud or a scene on ROS topics."""
 
 import json
 from argparse import Namespace

@@ -2,6 +2,7 @@
 
 import shutil
 from argparse import Namespace
+from importlib import import_module
 from pathlib import Path
 
 from ellipseg_ros.cli.report import Summary, print_status, write_summary
@@ -48,6 +49,12 @@ def prepare(
             shutil.rmtree(path)
         else:
             path.unlink()
+
+
+def require_plots(args: Namespace) -> None:
+    """Raise ModuleNotFoundError now, not at the end of the run, if pictures can't be drawn."""
+    if not args.no_pictures:
+        import_module("ellipseg_ros.plots.window")
 
 
 def finish(folder: Path, summary: Summary, result: Segmentation | None, args: Namespace) -> None:

@@ -13,7 +13,7 @@ from ellipseg_ros.cli.report import (
     print_summary,
     progress_bar,
 )
-from ellipseg_ros.cli.results import BAG, finish, prepare
+from ellipseg_ros.cli.results import BAG, finish, prepare, require_plots
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.config import Config
@@ -27,6 +27,7 @@ from ellipseg_ros.segmenter import Segmenter, warm_up
 
 def run(args: Namespace) -> int:
     """Segment `args.source` and write the results; returns the exit code."""
+    require_plots(args)
     settings = read_settings(args)
     source = open_input(args.source, args)
     folder = Path(args.output or f"{source.name}_segmented")

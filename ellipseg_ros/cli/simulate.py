@@ -1,4 +1,4 @@
-"""`ellipseg simulate`: a drive through a simulated scene, as a bag."""
+"""`ellipseg simulate`: write a drive through a simulated scene as a bag."""
 
 import json
 from argparse import Namespace

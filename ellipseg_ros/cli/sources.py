@@ -1,4 +1,4 @@
-"""The source that a command line names."""
+"""Opening of the source that a command line names."""
 
 from argparse import Namespace
 
@@ -16,8 +16,8 @@ def open_input(spec: str, args: Namespace) -> Source:
     scene = {name: value for name, value in scene.items() if value is not None}
     if scene and not spec.startswith(SIMULATED):
         option = next(iter(scene)).replace("_", "-")
-        raise EllipsegError(f"--{option} is for simulated scenes; {spec} is none")
+        raise EllipsegError(f"--{option} applies to simulated scenes only, not to {spec}")
     source = open_source(spec, getattr(args, "topic", ""), **scene)
-    if source.count != 1 and looks_like_a_sensor(source.frame_id):  # one cloud smears nothing
+    if source.count != 1 and looks_like_a_sensor(source.frame_id):  # a single cloud is not smeared
         print_status(warning(source.frame_id), args)
     return source

@@ -1,4 +1,4 @@
-"""`ellipseg tune`: the threshold of least AICc, over the windows of any number of sources."""
+"""`ellipseg tune`: find the threshold with the lowest AICc over the windows of all sources."""
 
 import os
 from argparse import Namespace
@@ -7,11 +7,18 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ellipseg_ros.cli.report import print_status, progress_bar
-from ellipseg_ros.cli.results import prepare
+from ellipseg_ros.cli.results import prepare, require_plots
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.cli.tune_results import KEPT, NAMES, Finished, Tuning, finish, show
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.cli.tune_results import (
+    NAMES,
+    WINDOWS,
+    CurveStore,
+    TuningRun,
+    finish,
+    print_tuning,
+)
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError, EllipsegError
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.segmenter import warm_up
@@ -20,86 +27,87 @@ from ellipseg_ros.tuning.search import Search
 from ellipseg_ros.tuning.tasks import Task
 from ellipseg_ros.tuning.windows import windows
 
-ALL = "all"
+ALL = "all"  # criteria
 
 
 def run(args: Namespace) -> int:
-    """Tune on `args.sources` and write the results; 1 if a window has failed."""
-    everything = args.criterion == ALL
-    chosen = Namespace(**vars(args) | {"criterion": None} if everything else vars(args))
-    settings, search = read_settings(chosen), _search(args)
-    criteria = CRITERIA if everything else (settings.config.criterion,)
+    """Tune on `args.sources` and write the results; returns 1 if a window has failed."""
+    require_plots(args)
+    use_all = args.criterion == ALL
+    options = vars(args) | ({"criterion": None} if use_all else {})
+    settings, search = read_settings(Namespace(**options)), _search(args)
+    criteria = tuple(CRITERIA) if use_all else (settings.config.criterion,)
     for criterion in criteria:
-        search.grid(criterion)  # refuses a bad range now, not in every window
+        search.grid(criterion)  # reports an invalid range here, not in every window
     sources = {spec: open_input(spec, args) for spec in dict.fromkeys(args.sources)}
     first = next(iter(sources.values()))
     folder = Path(args.output or f"{first.name}_tuned")
     for spec in sources:
-        prepare(folder, spec, NAMES, KEPT)
+        prepare(folder, spec, NAMES, keep=(WINDOWS,))
     print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
-    tuning = Tuning(list(sources), settings, criteria)
-    _run_all(sources, search, tuning, Finished(folder), args)
+    tuning = TuningRun(list(sources), settings, criteria)
+    _run_all(sources, search, tuning, CurveStore(folder), args)
     if not tuning.results:
         raise EllipsegError(f"no window could be tuned: {'; '.join(tuning.problems[:3])}")
     finish(folder, tuning, args)
-    show(tuning, args)
+    print_tuning(tuning, args)
     return 1 if tuning.problems else 0
 
 
 def _search(args: Namespace) -> Search:
-    """What the command line says of the thresholds, the rest by default."""
+    """The thresholds to try, from the command line or by default."""
     names = ("lowest", "highest", "count")
-    given = {name: getattr(args, name) for name in names}
-    return Search(**{name: value for name, value in given.items() if value is not None})
+    options = {name: getattr(args, name) for name in names}
+    return Search(**{name: value for name, value in options.items() if value is not None})
 
 
 def _run_all(
     sources: dict[str, Source],
     search: Search,
-    tuning: Tuning,
-    finished: Finished,
+    tuning: TuningRun,
+    store: CurveStore,
     args: Namespace,
 ) -> None:
-    """Tune every window that is not finished yet; keep each as soon as it is."""
+    """Tune every window that is not in the store; store each as soon as it is finished."""
     total = _expected(sources, tuning.settings, args)
     with progress_bar(total, "windows", args) as bar, _workers(total, args) as workers:
 
-        def left() -> Iterator[Task]:
+        def unfinished() -> Iterator[Task]:
             for task in _tasks(sources, search, tuning, args):
-                curves = finished.get(task.key)
+                curves = store.get(task.key)
                 if curves is None:
                     yield task
                 else:
-                    tuning.take(task.cut, curves, again=True)
+                    tuning.add(task.cut, curves, reused=True)
                     bar.update()
 
-        for task, curves, problem in parallel.outcomes(left(), workers):
+        for task, curves, problem in parallel.outcomes(unfinished(), workers):
             if curves is None:
-                tuning.fail(f"window {task.cut.number} of {task.cut.source}: {problem}")
+                tuning.problems.append(f"window {task.cut.number} of {task.cut.source}: {problem}")
                 print_status(tuning.problems[-1], args)
             else:
-                finished.put(task.key, curves)
-                tuning.take(task.cut, curves)
+                store.put(task.key, curves)
+                tuning.add(task.cut, curves)
             bar.update()
 
 
 def _tasks(
-    sources: dict[str, Source], search: Search, tuning: Tuning, args: Namespace
+    sources: dict[str, Source], search: Search, tuning: TuningRun, args: Namespace
 ) -> Iterator[Task]:
-    """The windows of all sources; a source that breaks off is told, and the next one is read."""
+    """Yield the windows of all sources; an unreadable rest of a source is noted as a problem."""
     config = tuning.settings.config
     for spec, source in sources.items():
         try:
             for cut in windows(spec, source, config, args.every):
                 yield Task(cut, config, tuning.criteria, search)
         except EllipsegError as error:
-            tuning.fail(str(error) if spec in str(error) else f"{spec}: {error}")
+            tuning.problems.append(str(error) if spec in str(error) else f"{spec}: {error}")
             print_status(tuning.problems[-1], args)
 
 
 def _expected(sources: dict[str, Source], settings: Settings, args: Namespace) -> int | None:
-    """About how many windows there are; None if a source does not know how long it is."""
+    """Approximate number of windows; None if the duration of a source is not known."""
     every = settings.config.window_duration if args.every is None else args.every
     if not every > 0.0:
         raise ConfigError(f"--every is {every:g}; it must be more than 0 s")
@@ -110,7 +118,7 @@ def _expected(sources: dict[str, Source], settings: Settings, args: Namespace) -
 
 
 def _workers(total: int | None, args: Namespace) -> AbstractContextManager[parallel.Workers]:
-    """Who does the work: a cluster, processes, or for a single window the threads of this one."""
+    """A cluster, processes, or for a single window the threads of this process."""
     if args.scheduler:
         return parallel.dask(args.scheduler)
     jobs = len(os.sched_getaffinity(0)) if args.jobs is None else args.jobs

@@ -1,4 +1,4 @@
-"""What `ellipseg tune` prints and writes."""
+"""Results of `ellipseg tune`: the store of finished windows, files, and printed tables."""
 
 import csv
 import json
@@ -11,9 +11,10 @@ from typing import Any
 
 import yaml
 
-from ellipseg_ros.cli.report import Summary, print_status, write_summary
+from ellipseg_ros.cli.report import Summary, print_results, print_status, write_summary
 from ellipseg_ros.cli.settings import Settings
-from ellipseg_ros.config import CRITERIA, flatten
+from ellipseg_ros.config import flatten
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing, write_text
 from ellipseg_ros.tuning.choice import Choice, choose
 from ellipseg_ros.tuning.curve import COLUMNS, curve_from
@@ -22,22 +23,21 @@ from ellipseg_ros.tuning.windows import Cut
 
 SUMMARY = "tuning.json"
 TABLE = "curves.csv"
-WINDOWS = "windows"  # finished ones, by key
+WINDOWS = "windows"  # folder of the finished windows, by key
 PARAMETERS = {name: f"segmenter_{name}.yaml" for name in CRITERIA}
 PICTURES = tuple(f"{name}.{kind}" for name in CRITERIA for kind in ("png", "svg"))
 NAMES = (SUMMARY, TABLE, *PARAMETERS.values(), *PICTURES)
-KEPT = (WINDOWS,)
 
 
-class Finished:
-    """The windows that are done: one file each, which another run finds again."""
+class CurveStore:
+    """The curves of finished windows, a file each, which a later run reuses."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder / WINDOWS
         self._folder.mkdir(parents=True, exist_ok=True)
 
     def get(self, key: str) -> Curves | None:
-        """The curves of a window; None if it is not there or was only half written."""
+        """The curves of a window; None if there is no file, or an incomplete one."""
         try:
             values = json.loads((self._folder / f"{key}.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -45,13 +45,13 @@ class Finished:
         return {name: curve_from(curve) for name, curve in values.items()}
 
     def put(self, key: str, curves: Curves) -> None:
-        """Keep the curves of a window."""
+        """Store the curves of a window."""
         write_text(self._folder / f"{key}.json", json.dumps(as_json(curves)))
 
 
 @dataclass(frozen=True)
-class Result:
-    """One window and its curves."""
+class WindowResult:
+    """A window and its curves."""
 
     source: str
     window: int
@@ -62,33 +62,29 @@ class Result:
 
 
 @dataclass
-class Tuning:
-    """All windows of a run."""
+class TuningRun:
+    """The windows of a run and their results."""
 
     sources: list[str]
     settings: Settings
     criteria: tuple[str, ...]
-    found: list[Result] = field(default_factory=list)
+    unsorted: list[WindowResult] = field(default_factory=list)  # by time of completion
     problems: list[str] = field(default_factory=list)
-    again: int = 0  # windows that an earlier run had finished
+    reused: int = 0  # windows that an earlier run had finished
 
-    def take(self, cut: Cut, curves: Curves, again: bool = False) -> None:
-        """Note a window."""
+    def add(self, cut: Cut, curves: Curves, reused: bool = False) -> None:
+        """Add the result of a window."""
         span = (cut.start_s, cut.end_s)
-        self.found.append(Result(cut.source, cut.number, *span, len(cut.points), curves))
-        self.again += again
-
-    def fail(self, problem: str) -> None:
-        """Note, in one line, what could not be done."""
-        self.problems.append(problem)
+        self.unsorted.append(WindowResult(cut.source, cut.number, *span, len(cut.points), curves))
+        self.reused += reused
 
     @property
-    def results(self) -> list[Result]:
-        """The windows in the order of the sources, whenever they were finished."""
-        return sorted(self.found, key=lambda r: (self.sources.index(r.source), r.window))
+    def results(self) -> list[WindowResult]:
+        """The windows in the order of the sources."""
+        return sorted(self.unsorted, key=lambda r: (self.sources.index(r.source), r.window))
 
     def choices(self) -> dict[str, Choice]:
-        """The threshold of every criterion."""
+        """The chosen threshold of every criterion."""
         return {
             name: choose(
                 [result.curves[name] for result in self.results],
@@ -103,8 +99,8 @@ class Tuning:
             "ellipseg": version("ellipseg_ros"),
             "sources": self.sources,
             "settings": flatten(self.settings.config),
-            "windows": len(self.found),
-            "finished_before": self.again,
+            "windows": len(self.unsorted),
+            "finished_before": self.reused,
             "problems": self.problems,
             "choices": {name: asdict(choice) for name, choice in self.choices().items()},
             "curves": [
@@ -114,8 +110,8 @@ class Tuning:
         }
 
 
-def finish(folder: Path, tuning: Tuning, args: Namespace) -> None:
-    """Write everything but the finished windows, which are there already."""
+def finish(folder: Path, tuning: TuningRun, args: Namespace) -> None:
+    """Write summary, table, parameter files and charts; the windows are stored already."""
     write_summary(tuning.summary(), folder / SUMMARY)
     with replacing(folder / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(_table(tuning))
@@ -131,35 +127,33 @@ def finish(folder: Path, tuning: Tuning, args: Namespace) -> None:
     print_status(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
 
 
-def parameters(tuning: Tuning, choice: Choice) -> str:
-    """A parameter file for the node: the tuned threshold, and all settings that it belongs to."""
+def parameters(tuning: TuningRun, choice: Choice) -> str:
+    """A parameter file for the node: the tuned threshold, and the settings it was tuned with."""
     tuned = {"criterion": choice.criterion, "threshold": choice.threshold}
     defaults = Settings().flat()
     nested: dict[str, Any] = {}
     for name, value in (tuning.settings.flat() | tuned).items():
         *path, last = name.split(".")
         if value != defaults[name] or name in tuned:
-            place = nested
+            group = nested
             for part in path:
-                place = place.setdefault(part, {})
-            place[last] = value
+                group = group.setdefault(part, {})
+            group[last] = value
     head = (
         f"# Tuned on {choice.windows} windows: mean loss {choice.mean_loss:.4f}, "
-        f"worst {choice.worst_loss:.4f}.\n# What isn't named has its default.\n"
+        f"worst {choice.worst_loss:.4f}.\n# All other parameters have their defaults.\n"
     )
     return head + yaml.safe_dump({"/**": {"ros__parameters": nested}}, sort_keys=False)
 
 
-def show(tuning: Tuning, args: Namespace) -> None:
-    """Print all as JSON, or the minima and the choices as a table, or nothing."""
-    if args.json:
-        print(json.dumps(tuning.summary(), indent=2))
-    elif not args.quiet:
-        print("\n".join([*_windows(tuning), "", *_choices(tuning)]))
+def print_tuning(tuning: TuningRun, args: Namespace) -> None:
+    """Print minima and choices as JSON or as a table; nothing with --quiet."""
+    lines = [*_windows(tuning), "", *_choices(tuning)]
+    print_results(tuning.summary(), lambda _: lines, args)
 
 
-def _table(tuning: Tuning) -> Iterator[list[Any]]:
-    """Every threshold of every window and criterion, for a spreadsheet."""
+def _table(tuning: TuningRun) -> Iterator[list[Any]]:
+    """Rows of the CSV file: every threshold of every window and criterion."""
     head = ["source", "window", "start_s", "end_s", "criterion", "points", "singletons"]
     yield [*head, *COLUMNS]
     for result in tuning.results:
@@ -170,44 +164,44 @@ def _table(tuning: Tuning) -> Iterator[list[Any]]:
                 yield [*first, curve.points, curve.singletons, *row]
 
 
-def _windows(tuning: Tuning) -> Iterator[str]:
-    """A line per window and criterion: its minimum."""
+def _windows(tuning: TuningRun) -> Iterator[str]:
+    """Lines of the table: the minimum of every window and criterion."""
     yield (
         f"{'source':<24} {'window':>14} {'criterion':<9} {'minimum at':>10} {'ellipsoids':>10} "
-        f"{'merged':>7} {'AICc':>12} {'variance':>12} {'bias':>10} {'loss now':>8}"
+        f"{'merged':>7} {'AICc':>12} {'variance':>12} {'bias':>10} {'loss set':>8}"
     )
     for result in tuning.results:
         for name, curve in result.curves.items():
             best = curve.best
-            now = curve.loss[curve.row(in_force(tuning.settings.config, name).tau)]
+            present_loss = curve.loss[curve.row(in_force(tuning.settings.config, name).tau)]
             yield (
                 f"{_short(result.source):<24} {result.start_s:>6.1f}-{result.end_s:>5.1f} s "
                 f"{name:<9} {curve.threshold[best]:>10.4g} {curve.count[best]:>10,} "
                 f"{curve.completion[best]:>7.1%} {curve.aicc[best]:>12.6g} "
-                f"{curve.variance[best]:>12.6g} {curve.bias[best]:>10.5g} {now:>8.4f}"
+                f"{curve.variance[best]:>12.6g} {curve.bias[best]:>10.5g} {present_loss:>8.4f}"
             )
 
 
 def _short(source: str) -> str:
-    """The end of a long path."""
+    """The last characters of a long path."""
     return source if len(source) <= 24 else f"...{source[-21:]}"
 
 
-def _choices(tuning: Tuning) -> Iterator[str]:
-    """What to set, and how much that is worth."""
-    for name, found in tuning.choices().items():
+def _choices(tuning: TuningRun) -> Iterator[str]:
+    """Lines of text: the choices, reused windows and problems."""
+    for name, choice in tuning.choices().items():
         yield (
-            f"{name}: threshold {found.threshold:.4g}, mean loss {found.mean_loss:.4f}, worst "
-            f"{found.worst_loss:.4f} over {found.windows} windows, whose minima lie from "
-            f"{found.lowest_minimum:.4g} to {found.highest_minimum:.4g}"
+            f"{name}: threshold {choice.threshold:.4g}, mean loss {choice.mean_loss:.4f}, worst "
+            f"{choice.worst_loss:.4f} over {choice.windows} windows, whose minima lie from "
+            f"{choice.lowest_minimum:.4g} to {choice.highest_minimum:.4g}"
         )
         yield (
-            f"  {found.present:g} as set now: mean loss {found.present_mean_loss:.4f}, worst "
-            f"{found.present_worst_loss:.4f}"
+            f"  {choice.present:g} as set now: mean loss {choice.present_mean_loss:.4f}, worst "
+            f"{choice.present_worst_loss:.4f}"
         )
-        if found.at_end:
-            yield "  a minimum lies at the end of the thresholds tried: widen them, --from, --to"
-    if tuning.again:
-        yield f"{tuning.again} windows were finished before"
+        if choice.at_end:
+            yield "  a minimum is at the end of the thresholds tried: extend them, --from, --to"
+    if tuning.reused:
+        yield f"{tuning.reused} windows were reused from an earlier run"
     for problem in tuning.problems:
         yield f"failed: {problem}"

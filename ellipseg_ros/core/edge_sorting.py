@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.jit import THREADS, for_parts, kernel
+from ellipseg_ros.core.jit import THREADS, for_parts, inlined, kernel
 from ellipseg_ros.records import Array
 
-DIGIT = 11  # bits a pass; three passes take the upper half of a positive float64
-BUCKETS = 1 << DIGIT
-SHARE = 100_000  # edges that a thread sorts at a time: their keys fit its cache
-SHORT = 24  # a run of equal keys up to this length is sorted by insertion
+DIGIT_BITS = 11  # of a pass; three passes sort by the upper half of a positive float64
+BUCKETS = 1 << DIGIT_BITS
+EDGES_PER_PART = 100_000  # sorted at a time by a thread: their keys fit its cache
+INSERTION_MAX_EDGES = 24  # a run of equal keys up to this length is sorted by insertion
 
 
 class Edges(NamedTuple):
@@ -22,16 +22,16 @@ class Edges(NamedTuple):
 
 
 def no_edges(size: int = 0) -> Edges:
-    """Room for so many edges."""
+    """Arrays for `size` edges."""
     return Edges(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
 
 
-# An edge as it is made, in one place: sorting moves it once.
+# An edge before sorting, which moves it once.
 EDGE = np.dtype([("weight", np.float64), ("i", np.int32), ("j", np.int32)])
 
 
 class Pieces(NamedTuple):
-    """Which rows of a list of edges are meant: `count` ones from `start` on, of every piece."""
+    """Pieces of a list of edges: `count` rows from `start` on, for each piece."""
 
     start: Array  # (p,) int64
     count: Array  # (p,) int64
@@ -40,20 +40,20 @@ class Pieces(NamedTuple):
 def sorted_edges(made: Array, pieces: Pieces) -> Edges:
     """The edges of all pieces of `made` (EDGE) in ascending order of (weight, i, j).
 
-    They are dealt out to parts between two weights, which are sorted one by one: the result is one
+    The edges are distributed to ranges of weight, which are sorted one by one: the result is a
     total order, so the number of threads cannot change it.
     """
     size = int(pieces.count.sum())
     weights = [made["weight"][a : a + n] for a, n in zip(*pieces, strict=True)]
     sample = np.sort(np.concatenate([part[:: size // 1024 + 1] for part in weights]))
-    parts = THREADS * (size // (THREADS * SHARE) + 1) if size else 1
+    parts = THREADS * (size // (THREADS * EDGES_PER_PART) + 1) if size else 1
     bounds = sample[np.arange(1, parts) * len(sample) // parts]
     tally = np.zeros((len(weights), parts), np.int64)
     calls = [(k, k + 1) for k in range(len(weights))]
-    for_parts(calls, _tally, bounds, made, pieces, tally)
+    for_parts(calls, _count, bounds, made, pieces, tally)
     ends = np.cumsum(tally.T).reshape(parts, -1).T  # by part, then by piece
     keys, rows = np.empty(size, np.uint32), np.empty(size, np.int32)
-    for_parts(calls, _deal, bounds, made, pieces, ends - tally, keys, rows)
+    for_parts(calls, _distribute, bounds, made, pieces, ends - tally, keys, rows)
     ascending = no_edges(size)
     calls = [(end - n, end) for end, n in zip(ends[-1], tally.sum(axis=0), strict=True)]
     for_parts(calls, _sort, keys, rows, made, ascending)
@@ -69,7 +69,7 @@ def _part(weight, bounds):
 
 
 @kernel
-def _tally(piece, _, bounds, made, pieces, tally):
+def _count(piece, _, bounds, made, pieces, tally):
     """Count the edges of one piece by part."""
     begin = pieces.start[piece]
     for row in range(begin, begin + pieces.count[piece]):
@@ -77,7 +77,7 @@ def _tally(piece, _, bounds, made, pieces, tally):
 
 
 @kernel
-def _deal(piece, _, bounds, made, pieces, places, keys, rows):
+def _distribute(piece, _, bounds, made, pieces, places, keys, rows):
     """Write the upper half of the weights of one piece, and their rows, part by part."""
     begin = pieces.start[piece]
     bits = made.view(np.uint64)  # two an edge
@@ -96,9 +96,9 @@ def _sort(start, stop, all_keys, all_rows, made, ascending):
     first, count = 0, stop - start
     for last in range(1, count + 1):
         if last == count or keys[last] != keys[first]:
-            if 1 < last - first <= SHORT:
+            if 1 < last - first <= INSERTION_MAX_EDGES:
                 _insertion(rows, first, last, made)
-            elif last - first > SHORT:
+            elif last - first > INSERTION_MAX_EDGES:
                 _heap(rows[first:last], made)
             first = last
     weight, i, j = ascending
@@ -113,7 +113,7 @@ def _radix(keys, rows):
     tally = np.zeros((3, BUCKETS), np.int64)
     for t in range(len(keys)):
         for digit in range(3):
-            tally[digit, (keys[t] >> (digit * DIGIT)) & (BUCKETS - 1)] += 1
+            tally[digit, (keys[t] >> (digit * DIGIT_BITS)) & (BUCKETS - 1)] += 1
     other_keys, other_rows = np.empty_like(keys), np.empty_like(rows)
     for digit in range(3):
         place = 0
@@ -122,21 +122,26 @@ def _radix(keys, rows):
             tally[digit, bucket] = place
             place += here
         for t in range(len(keys)):
-            bucket = (keys[t] >> (digit * DIGIT)) & (BUCKETS - 1)
+            bucket = (keys[t] >> (digit * DIGIT_BITS)) & (BUCKETS - 1)
             place = tally[digit, bucket]
             tally[digit, bucket] = place + 1
             other_keys[place], other_rows[place] = keys[t], rows[t]
         keys[:], rows[:] = other_keys, other_rows
 
 
+@inlined
+def comes_before(weight, i, j, other_weight, other_i, other_j):
+    """Whether edge (weight, i, j) comes before the other one: the one order of edges."""
+    return weight < other_weight or (
+        weight == other_weight and (i < other_i or (i == other_i and j < other_j))
+    )
+
+
 @kernel
-def before(a, b, made):
-    """Whether row a comes before row b."""
-    if made[a]["weight"] != made[b]["weight"]:
-        return made[a]["weight"] < made[b]["weight"]
-    if made[a]["i"] != made[b]["i"]:
-        return made[a]["i"] < made[b]["i"]
-    return made[a]["j"] < made[b]["j"]
+def _row_before(a, b, made):
+    """Whether row a of a list of edges comes before row b."""
+    one, other = made[a], made[b]
+    return comes_before(one["weight"], one["i"], one["j"], other["weight"], other["i"], other["j"])
 
 
 @kernel
@@ -144,7 +149,7 @@ def _insertion(rows, first, last, made):
     for t in range(first + 1, last):
         row = rows[t]
         slot = t
-        while slot > first and before(row, rows[slot - 1], made):
+        while slot > first and _row_before(row, rows[slot - 1], made):
             rows[slot] = rows[slot - 1]
             slot -= 1
         rows[slot] = row
@@ -166,9 +171,9 @@ def _heap(rows, made):
         row = rows[parent]
         child = 2 * parent + 1
         while child < size:
-            if child + 1 < size and before(rows[child], rows[child + 1], made):
+            if child + 1 < size and _row_before(rows[child], rows[child + 1], made):
                 child += 1
-            if not before(row, rows[child], made):
+            if not _row_before(row, rows[child], made):
                 break
             rows[parent] = rows[child]
             parent, child = child, 2 * child + 1

@@ -1,44 +1,20 @@
 """The one place that sets numba options and shares rows between threads.
 
-Plain threads over kernels that release the GIL, not numba's `prange`: its layers forbid calls from
-two Python threads at once, or a fork, and compile much longer. Row i of a result depends on row i
-alone, so the number of threads cannot change it.
+Plain threads over kernels that release the GIL, not numba's `prange`: its threading layers forbid
+calls from two Python threads at once, or a fork, and compile much longer. Row i of a result
+depends on row i alone, so the number of threads cannot change it.
 """
 
-import hashlib
 import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from numba import config, njit
 
 from ellipseg_ros.core.kernel_cache import cached
-
-KERNEL_FOLDERS = ("core", "objects", "landmarks", "association")  # kernels call one another's
-
-
-def _cache_folder() -> str:
-    """One for every version of these sources; NUMBA_CACHE_DIR, where it is set, is taken as it is.
-
-    numba's own notices no edit in another file than the kernel's, and code compiled against
-    an older callee can crash.
-    """
-    if config.CACHE_DIR:
-        return config.CACHE_DIR
-    package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha1(usedforsecurity=False)
-    for folder in KERNEL_FOLDERS:
-        for source in sorted((package / folder).rglob("*.py")):
-            digest.update(source.read_bytes())
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    return os.path.join(home, "ellipseg_ros", digest.hexdigest())
-
-
-config.CACHE_DIR = _cache_folder()
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -55,44 +31,44 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 THREADS = len(os.sched_getaffinity(0))
-LEAST = 2048  # rows below which a thread is not worth its start
+MIN_ROWS_PER_THREAD = 2048  # fewer are not worth starting a thread
 PLAIN = config.DISABLE_JIT  # kernels run as plain Python: for tests
 _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
-_here = threading.local()  # .alone: this thread shares nothing with the pool
+_thread = threading.local()  # .single: this thread shares nothing with the pool
 
 
 @contextmanager
-def alone() -> Iterator[None]:
-    """Within it, this thread does everything by itself: beside others that do the same."""
-    before = _alone()
-    _here.alone = True
+def single_threaded() -> Iterator[None]:
+    """Within it, this thread uses no others: for several that do the same side by side."""
+    before = _is_single()
+    _thread.single = True
     try:
         yield
     finally:
-        _here.alone = before
+        _thread.single = before
 
 
-def _alone() -> bool:
-    return getattr(_here, "alone", False)
+def _is_single() -> bool:
+    return getattr(_thread, "single", False)
 
 
 def helpers() -> int:
-    """How many threads may help this one."""
-    return 0 if _alone() else THREADS - 1
+    """The number of threads that may help the current one."""
+    return 0 if _is_single() else THREADS - 1
 
 
-def _renew() -> None:
-    """Threads do not survive a fork, and a pool does not notice."""
-    global _pool  # a new one is the only cure
+def _renew_pool() -> None:
+    """Replace the pool in a forked child: threads do not survive a fork."""
+    global _pool  # a new one is the only remedy
     _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
 
 
-os.register_at_fork(after_in_child=_renew)
+os.register_at_fork(after_in_child=_renew_pool)
 
 
 def for_rows(function: Callable[..., Any], count: int, *args: Any) -> None:
     """Call `function(start, stop, *args)` so that the calls together cover rows 0 to count."""
-    parts = min(THREADS, -(-count // LEAST)) if count else 0
+    parts = min(THREADS, -(-count // MIN_ROWS_PER_THREAD)) if count else 0
     for_parts(
         [(count * k // parts, count * (k + 1) // parts) for k in range(parts)], function, *args
     )

@@ -1,34 +1,55 @@
-"""numba's cache of compiled kernels, without its trust in what it finds there.
+"""numba's cache of compiled kernels, with checks of what it loads.
 
-numba runs whatever machine code lies in its cache, and gives up where a file can't be read or
-written. Here every file begins with a digest of the rest: what is damaged is compiled anew, and
-what can't be written is left. A cache that may only be read is read.
+numba runs whatever machine code lies in its cache, notices edits in the kernel's own file only,
+and fails where a file cannot be read or written. Here the folder goes by a digest of all sources
+with kernels (code compiled against an older callee can crash), every file begins with a digest of
+its contents (damaged files are compiled again), and a cache that cannot be written is only read.
+test/core/test_kernel_cache.py has these failures. numba's own settings stay as they are.
 """
 
+import functools
 import hashlib
 import os
 import pickle
 import uuid
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
+KERNEL_FOLDERS = ("core", "objects", "landmarks", "association")  # their kernels call one another
 DIGEST = hashlib.sha256
 VERSION = f"{numba.__version__}/1".encode()  # of numba, and of this format
 
 
+def cache_folder() -> str:
+    """NUMBA_CACHE_DIR where it is set, else a folder of the user's cache for these sources."""
+    return numba.config.CACHE_DIR or _default_folder()
+
+
+@functools.cache
+def _default_folder() -> str:
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha1(usedforsecurity=False)
+    for folder in KERNEL_FOLDERS:
+        for source in sorted((package / folder).rglob("*.py")):
+            digest.update(source.read_bytes())
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    return os.path.join(home, "ellipseg_ros", digest.hexdigest())
+
+
 def cached(kernel: Any) -> Any:
-    """The same kernel, cached; plain Python, where the compiler is off, stays what it is."""
+    """The same kernel with this cache; plain Python, where the compiler is off, as it is."""
     if isinstance(kernel, Dispatcher):
         kernel._cache = _Cache(kernel.py_func)  # type: ignore[attr-defined]  # numba's own
     return kernel
 
 
 class _Files(IndexDataCacheFile):  # type: ignore[misc]  # numba is not typed
-    """The index of the versions of a kernel, and a file for each of them."""
+    """The index of the compiled versions of a kernel, and a file for each version."""
 
     def load(self, key: Any) -> Any:
         try:
@@ -50,11 +71,11 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]  # numba is not typed
         self._write(self._data_path(name), data)
 
     def _data_name(self, number: int) -> str:
-        """A name that no other process takes at the same time for another version."""
+        """A name that no other process uses at the same time for another version."""
         return f"{self._index_name.removesuffix('.nbi')}.{uuid.uuid4().hex[:16]}.nbc"
 
     def _read(self, path: str) -> Any:
-        """What was written; an OSError if it has changed since, or another numba wrote it."""
+        """The contents; OSError if they have changed since, or another numba wrote them."""
         with open(path, "rb") as file:
             digest, content = file.read(DIGEST().digest_size), file.read()
         if digest != DIGEST(VERSION + content).digest():
@@ -68,7 +89,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]  # numba is not typed
 
 
 class _Locator:
-    """The folder config.CACHE_DIR, whether or not one may write to it."""
+    """The cache folder, whether or not it can be written."""
 
     def __init__(self, path: str, line: int) -> None:
         self._path = path
@@ -84,7 +105,7 @@ class _Locator:
     def get_cache_path(self) -> str:
         folder = os.path.dirname(os.path.abspath(self._path))
         name = hashlib.sha1(folder.encode(), usedforsecurity=False).hexdigest()
-        return os.path.join(numba.config.CACHE_DIR, f"{os.path.basename(folder)}_{name}")
+        return os.path.join(cache_folder(), f"{os.path.basename(folder)}_{name}")
 
     def get_source_stamp(self) -> tuple[float, int]:
         found = os.stat(self._path)

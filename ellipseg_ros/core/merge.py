@@ -1,202 +1,177 @@
-"""Region growing with memory: Kruskal's walk over the sorted edges, exact and incremental.
+"""Region growing with memory: Kruskal's algorithm over the sorted edges, exact and incremental.
 
-The walk of the last update is remembered as a forest (the dendrogram): every union is a node with
-its moments and the edge (w, i, j) that made it. A subtree without a dirty or gone vertex *sleeps*:
-until the edge that merged it into something else, it would only repeat what it did. So edges
-between sleepers are skipped, and a sleeper's state at an edge is its highest ancestor made before.
-It wakes at the edge that made its parent, if that parent holds a change, or when an awake segment
-merges with it; then the siblings above become sleepers of their own, until *their* parents' edges.
-With every vertex dirty this is the plain walk: there is no second code for batch.
-A lower threshold refuses some unions, and accepts none that was refused: those above it count as
-changes, and everything below them sleeps.
+The run of the last update is kept as a dendrogram: every union is a node with its moments and the
+edge (w, i, j) at which it was made. A subtree without a dirty or removed vertex is *cached*: up to
+the edge at which its parent was made, a new run would only repeat it. So edges between cached
+subtrees are skipped, and the state of a cached subtree at an edge is its highest ancestor made
+before. It becomes *active* at the edge at which its parent was made, if that parent holds a change
+(a *wake-up*), or when an active segment merges with it (an *invalidation*); then the siblings
+above it become cached subtrees of their own, until the edges of *their* parents.
+With every vertex dirty this is the plain algorithm: there is no second code for batch.
+A lower threshold refuses some unions and accepts none that was refused: the unions above it count
+as changes, and everything below them stays cached.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.config import CRITERIA, Config
-from ellipseg_ros.core.criteria import density_distance, segment_aicc
-from ellipseg_ros.core.dendrogram import NONE, Forest, new_forest, release, renumbered_forest
+from ellipseg_ros.core.criteria import Rule, initial_values, segments_aicc
+from ellipseg_ros.core.dendrogram import (
+    NONE,
+    Dendrogram,
+    new_dendrogram,
+    release,
+    renumber_dendrogram,
+)
 from ellipseg_ros.core.disjoint_set import find
 from ellipseg_ros.core.edge_sorting import Edges
-from ellipseg_ros.core.ellipsoids import MEAN
+from ellipseg_ros.core.graph import Graph, GraphChange
 from ellipseg_ros.core.jit import THREADS, for_parts, for_rows, kernel
-from ellipseg_ros.core.kruskal import DENSITY, PARSIMONY, SHAPE, Rule, walk
-from ellipseg_ros.core.neighbours import Change
-from ellipseg_ros.core.wakeup_heap import Events, no_events, push
+from ellipseg_ros.core.kruskal import kruskal
+from ellipseg_ros.core.moments import no_moments
+from ellipseg_ros.core.wakeup_heap import WakeupHeap, empty_wakeup_heap, push
 from ellipseg_ros.records import Array
 
-SLABBED = 5_000  # vertices from which on a walk anew is shared between threads
-MOST_SLABS = 8  # thinner ones have more edges across than within
-NO_UNIONS = np.zeros(0, np.int32)
+SLAB_MIN_VERTICES = 5_000  # from this number of vertices on a full run is shared between threads
+MAX_SLABS = 8  # thinner slabs have more edges across than within
 
 
 class Merged(NamedTuple):
-    """The segments of now; s segments."""
+    """The segments after an update; s segments."""
 
-    roots: Array  # (s,) int32: rows of the nodes, by the lowest vertex below
+    roots: Array  # (s,) int32: rows of the graph's moments, by the lowest vertex below
     labels: Array  # (rows,) int32: row of `roots` of every vertex, -1 for none
     aicc: Array  # (s,) float64
-    before: (
-        Array  # (s,) int32: row in the last update of the segment with the same vertices, or -1
+    previous: (
+        Array  # (s,) int32: row in the last update of the segment of the same vertices, or -1
     )
 
 
 class Merge:
-    """The forest, from update to update."""
+    """Merges the vertices of a graph to segments; keeps the dendrogram from update to update."""
 
     def __init__(self) -> None:
         self._rule = Rule(-1, 0.0, 0.0, 0.0)  # none yet
-        self._lowered = False  # the threshold alone has changed, to a lower one
-        self._forest = new_forest(0)
+        self._dendrogram = new_dendrogram(no_moments())
 
-    @property
-    def nodes(self) -> Array:
-        """(2 capacity, 24) moments; the owner fills the rows of vertices before `update`."""
-        return self._forest.nodes
-
-    @property
-    def masses(self) -> Array:
-        """(2 capacity,) m^2, read by density alone; to be filled likewise."""
-        return self._forest.extra
-
-    def renumber(self, keep: Array, capacity: int) -> None:
-        """Keep the vertices `keep` (n,) ascending, as 0 to n - 1; see Neighbours.renumber."""
-        self._forest = renumbered_forest(self._forest, keep, capacity)
-
-    def widened(self, change: Change, config: Config) -> Array:
-        """The dirty vertices; all where the criterion or its numbers have changed.
-
-        A threshold that only became lower makes none dirty: `update` undoes what it refuses.
-        """
-        rule = Rule(
-            CRITERIA.index(config.criterion),
-            config.tau,
-            config.model.eigenvalue_floor,
-            config.model.noise_variance,
+    def update(self, graph: Graph, change: GraphChange, rule: Rule) -> Merged:
+        """Segments of `graph` after `change`: a and b merge where D(a, b) <= rule.threshold."""
+        if change.renumbering:
+            self._dendrogram = renumber_dendrogram(
+                self._dendrogram, change.renumbering, graph.moments
+            )
+        dendrogram, last, self._rule = self._dendrogram, self._rule, rule
+        lowered = last.threshold > rule.threshold and last == rule._replace(
+            threshold=last.threshold
         )
-        old, self._rule = self._rule, rule
-        self._lowered = rule.tau < old.tau and rule._replace(tau=old.tau) == old
-        return change.dirty if rule == old or self._lowered else change.member
+        dirty = change.dirty if lowered or last == rule else change.member
+        refused = _refused_unions(dendrogram, rule.threshold) if lowered else np.zeros(0, np.int64)
+        rows = np.flatnonzero(dirty)
+        initial_values(
+            rule, graph.points, graph.knn_indices, graph.moments, rows, dendrogram.value
+        )
+        heap = empty_wakeup_heap(len(dendrogram.parent) + 1)
+        _begin_update(dendrogram, dirty, change.removed, refused, heap)
+        if len(rows) > SLAB_MIN_VERTICES and np.array_equal(dirty, change.member):
+            across = self._merge_within_slabs(graph.edges, rows)
+            none = np.zeros_like(dirty)
+            _begin_update(dendrogram, across, none, np.zeros(0, np.int64), heap)
+        kruskal(dendrogram, graph.edges, rule, heap, 1)
+        return _merged(dendrogram, change.member, rule)
 
-    def update(self, edges: Edges, change: Change, dirty: Array) -> Merged:
-        """Walk the edges; two segments a (i's) and b become one where D(a, b) <= tau.
+    def _merge_within_slabs(self, edges: Edges, rows: Array) -> Array:
+        """Run Kruskal's algorithm within slabs of space, a thread each.
 
-        dirty: the vertices to begin anew with, as `widened` gave them.
+        rows: the vertices. Returns the ends of the edges across slabs, (rows,) bool. The result
+        is that of the graph without these edges; with their ends dirty, that of the whole graph
+        is the next update. So the slabs change the time, not the result.
         """
-        forest, rule = self._forest, self._rule
-        if rule.criterion == PARSIMONY:
-            aicc_of(forest.nodes, np.flatnonzero(dirty), rule.noise, forest.extra)
-        events = no_events(len(forest.parent) + 1)
-        undone = _refused(forest, rule) if self._lowered else NO_UNIONS
-        self._lowered = False
-        self._begin(dirty, change.gone, undone, events)
-        if np.count_nonzero(dirty) > SLABBED and np.array_equal(dirty, change.member):
-            dirty = self._walk_slabs(edges, dirty)
-            self._begin(dirty, np.zeros_like(dirty), NO_UNIONS, events)
-        walk(forest, edges, rule, events, 1)
-        labels = np.full(len(change.member), -1, np.int32)
-        roots = np.empty(np.count_nonzero(change.member), np.int32)
-        before = np.empty(len(roots), np.int32)
-        count = _label(forest, change.member, labels, roots, before)
-        roots, before = roots[:count], before[:count]
-        forest.segment.fill(NONE)
-        forest.segment[roots] = np.arange(count)
-        aicc = np.empty(len(forest.parent))
-        aicc_of(forest.nodes, roots, rule.noise, aicc)
-        return Merged(roots, labels, aicc[roots], before)
-
-    def _begin(self, dirty: Array, gone: Array, undone: Array, events: Events) -> None:
-        _begin(self._forest, dirty, gone, undone, events)
-        for_rows(_rest, len(self._forest.above), self._forest)
-
-    def _walk_slabs(self, edges: Edges, member: Array) -> Array:
-        """Walk the edges within slabs of space, one a thread; returns the ends of the others.
-
-        That is the walk of a graph without the others; with their ends dirty, the whole one is the
-        next update. So the slabs change the time, not the result.
-        """
-        forest, slabs = self._forest, min(THREADS, MOST_SLABS)
-        rows = np.flatnonzero(member)
-        some = forest.nodes[rows[:: len(rows) // 1024 + 1], MEAN : MEAN + 3]
-        axis = np.argmax(np.ptp(some, axis=0))
-        cuts = np.quantile(some[:, axis], np.arange(1, slabs) / slabs)
-        slab = np.full(len(member), -1, np.int8)
-        slab[rows] = np.searchsorted(cuts, forest.nodes[rows, MEAN + axis])
-        unions = np.split(forest.free[:-1], np.cumsum(np.bincount(slab[rows], minlength=slabs)))
-        forests = [
-            forest._replace(awake=slab == k, free=np.append(free, np.int32(len(free))))
+        dendrogram, slabs = self._dendrogram, min(THREADS, MAX_SLABS)
+        means = dendrogram.moments["mean"]
+        sample = means[rows[:: len(rows) // 1024 + 1]]
+        axis = np.argmax(np.ptp(sample, axis=0))
+        cuts = np.quantile(sample[:, axis], np.arange(1, slabs) / slabs)
+        slab = np.full(len(dendrogram.active), -1, np.int8)
+        slab[rows] = np.searchsorted(cuts, means[rows, axis])
+        unions = np.split(
+            dendrogram.free[:-1], np.cumsum(np.bincount(slab[rows], minlength=slabs))
+        )
+        parts = [
+            dendrogram._replace(active=slab == k, free=np.append(free, np.int32(len(free))))
             for k, free in enumerate(unions[:slabs])
         ]
-        parts = [(k, k + 1) for k in range(slabs)]
-        for_parts(parts, self._walk_slab, forests, edges)
-        left = [*(f.free[: f.free[-1]] for f in forests), *unions[slabs:]]
+        for_parts([(k, k + 1) for k in range(slabs)], self._merge_slab, parts, edges)
+        left = [*(part.free[: part.free[-1]] for part in parts), *unions[slabs:]]
         count = sum(map(len, left))
-        forest.free[:count], forest.free[-1] = np.concatenate(left), count
-        ends = np.zeros(len(member), bool)
-        _mark_across(edges, slab, ends)
-        return ends
+        dendrogram.free[:count], dendrogram.free[-1] = np.concatenate(left), count
+        across = np.zeros(len(slab), bool)
+        _mark_across(edges, slab, across)
+        return across
 
-    def _walk_slab(self, k: int, _: int, forests: list[Forest], edges: Edges) -> None:
-        walk(forests[k], edges, self._rule, no_events(0), 2)
+    def _merge_slab(self, k: int, _: int, parts: list[Dendrogram], edges: Edges) -> None:
+        kruskal(parts[k], edges, self._rule, empty_wakeup_heap(0), 2)
+
+
+def _begin_update(
+    dendrogram: Dendrogram, dirty: Array, removed: Array, refused: Array, heap: WakeupHeap
+) -> None:
+    """Release the refused unions and those above dirty or removed vertices; cache the rest."""
+    _release_changed(dendrogram, dirty, removed, refused, heap)
+    for_rows(_reset_ancestors, len(dendrogram.ancestor), dendrogram)
+
+
+def _merged(dendrogram: Dendrogram, member: Array, rule: Rule) -> Merged:
+    """Number the segments, and note their roots in the dendrogram for the next update."""
+    labels = np.full(len(member), -1, np.int32)
+    roots = np.empty(np.count_nonzero(member), np.int32)
+    previous = np.empty(len(roots), np.int32)
+    count = _label(dendrogram, member, labels, roots, previous)
+    roots, previous = roots[:count], previous[:count]
+    dendrogram.segment.fill(NONE)
+    dendrogram.segment[roots] = np.arange(count)
+    aicc = np.empty(len(dendrogram.parent))
+    segments_aicc(dendrogram.moments, roots, rule.noise_variance, aicc)
+    return Merged(roots, labels, aicc[roots], previous)
 
 
 @kernel
-def _mark_across(edges, slab, ends):
+def _mark_across(edges, slab, across):
     """Mark the ends of the edges between slabs."""
-    left, right = edges[1], edges[2]
-    for e in range(len(left)):
-        if slab[left[e]] != slab[right[e]]:
-            ends[left[e]] = ends[right[e]] = True
+    for e in range(len(edges.i)):
+        if slab[edges.i[e]] != slab[edges.j[e]]:
+            across[edges.i[e]] = across[edges.j[e]] = True
+
+
+def _refused_unions(dendrogram: Dendrogram, threshold: float) -> Array:
+    """The unions (u,) that would not be made at a lower threshold."""
+    in_use = dendrogram.left != NONE
+    return np.flatnonzero(in_use & (dendrogram.distance > threshold))
 
 
 @kernel
-def _refused(forest, rule):
-    """The unions (u,) that the rule would not make."""
-    nodes, extra, left, right = forest.nodes, forest.extra, forest.left, forest.right
-    criterion, tau = rule.criterion, rule.tau
-    refused = np.empty(len(forest.awake), np.int32)
-    count = 0
-    for union in range(len(forest.awake), len(left)):
-        a, b = left[union], right[union]
-        if a == NONE:
-            continue
-        if criterion == SHAPE:
-            distance = extra[union]
-        elif criterion == DENSITY:
-            distance = density_distance(nodes, union, extra[union])
-        else:
-            distance = extra[union] - extra[a] - extra[b]
-        if distance > tau:
-            refused[count] = union
-            count += 1
-    return refused[:count]
-
-
-@kernel
-def _begin(forest, dirty, gone, undone, events):
-    """Take down the undone unions and what a dirty or gone vertex is part of; the rest sleeps."""
-    parent, left, right = forest.parent, forest.left, forest.right
-    made_weight, made_i, made_j = forest.made_weight, forest.made_i, forest.made_j
-    awake = forest.awake
-    capacity = len(awake)
-    broken = np.zeros(capacity, np.bool_)
+def _release_changed(dendrogram, dirty, removed, refused, heap):
+    parent, left, right = dendrogram.parent, dendrogram.left, dendrogram.right
+    made_weight, made_i, made_j = dendrogram.made_weight, dendrogram.made_i, dendrogram.made_j
+    active = dendrogram.active
+    capacity = len(active)
+    changed = np.zeros(capacity, np.bool_)
     count = 0
     unions = np.empty(capacity, np.int32)
     for v in range(capacity):
-        awake[v] = dirty[v]
-        if dirty[v] or gone[v]:
+        active[v] = dirty[v]
+        if dirty[v] or removed[v]:
             up = parent[v]
             parent[v] = NONE
-            while up != NONE and not broken[up - capacity]:
-                broken[up - capacity] = True
+            while up != NONE and not changed[up - capacity]:
+                changed[up - capacity] = True
                 unions[count] = up
                 count += 1
                 up = parent[up]
-    for up in undone:
-        while up != NONE and not broken[up - capacity]:
-            broken[up - capacity] = True
+    for union in refused:
+        up = union
+        while up != NONE and not changed[up - capacity]:
+            changed[up - capacity] = True
             unions[count] = up
             count += 1
             up = parent[up]
@@ -204,51 +179,45 @@ def _begin(forest, dirty, gone, undone, events):
         union = unions[k]
         for child in (left[union], right[union]):
             if child >= capacity:
-                sleeps = not broken[child - capacity]
+                cached = not changed[child - capacity]
             else:
-                sleeps = not (dirty[child] or gone[child])
-            if sleeps:
+                cached = not (dirty[child] or removed[child])
+            if cached:
                 parent[child] = NONE
-                push(events, child, made_weight[union], made_i[union], made_j[union])
+                push(heap, child, made_weight[union], made_i[union], made_j[union])
     for k in range(count):
-        release(unions[k], forest)
+        release(unions[k], dendrogram)
 
 
 @kernel
-def _rest(start, stop, forest):
-    """Let no path be shorter than the dendrogram's: edges begin anew."""
-    parent, above = forest.parent, forest.above
+def _reset_ancestors(start, stop, dendrogram):
+    """Undo all path compression: the edges begin again."""
+    parent, ancestor = dendrogram.parent, dendrogram.ancestor
     for node in range(start, stop):
-        above[node] = node if parent[node] == NONE else parent[node]
+        ancestor[node] = node if parent[node] == NONE else parent[node]
 
 
 @kernel
-def _label(forest, member, labels, roots, before):
+def _label(dendrogram, member, labels, roots, previous):
     """Number the segments by their lowest vertex; returns how many there are.
 
-    Most segments are those of the last update: where the root of then is one still, and has not
-    been released in the meantime, no path need be climbed.
+    Most segments are those of the last update: where the root of a vertex then is still a root and
+    has not been released in the meantime, no path is followed.
     """
-    above, parent, segment, last = forest.above, forest.parent, forest.segment, forest.root
-    row = np.full(len(above), -1, np.int32)
+    ancestor, parent = dendrogram.ancestor, dendrogram.parent
+    segment, last_root = dendrogram.segment, dendrogram.root
+    row = np.full(len(ancestor), -1, np.int32)
     count = 0
     for v in range(len(member)):
         if not member[v]:
-            last[v] = NONE
+            last_root[v] = NONE
             continue
-        root = last[v]
+        root = last_root[v]
         if root == NONE or segment[root] == NONE or parent[root] != NONE:
-            root = last[v] = find(above, v)
+            root = last_root[v] = find(ancestor, v)
         if row[root] < 0:
             row[root] = count
-            roots[count], before[count] = root, segment[root]
+            roots[count], previous[count] = root, segment[root]
             count += 1
         labels[v] = row[root]
     return count
-
-
-@kernel
-def aicc_of(nodes, rows, noise, aicc):
-    """Fill aicc[row] for the rows."""
-    for k in range(len(rows)):
-        aicc[rows[k]] = segment_aicc(nodes, rows[k], noise)

@@ -1,15 +1,16 @@
-"""A heap of nodes by the edge at which they wake, in the order of the edges."""
+"""A heap of cached subtrees by the edge at which they become active, in the order of the edges."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.edge_sorting import comes_before
+from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.records import Array
 
 
-class Events(NamedTuple):
-    """A heap of nodes by the edge at which they wake."""
+class WakeupHeap(NamedTuple):
+    """A binary heap: entry `slot` is the node `node[slot]` with the edge (weight, i, j)."""
 
     weight: Array
     i: Array
@@ -18,9 +19,9 @@ class Events(NamedTuple):
     size: Array  # (1,) int64
 
 
-def no_events(capacity: int) -> Events:
-    """An empty heap with room for so many."""
-    return Events(
+def empty_wakeup_heap(capacity: int) -> WakeupHeap:
+    """An empty heap with room for `capacity` nodes."""
+    return WakeupHeap(
         weight=np.empty(capacity),
         i=np.empty(capacity, np.int32),
         j=np.empty(capacity, np.int32),
@@ -30,66 +31,55 @@ def no_events(capacity: int) -> Events:
 
 
 @kernel
-def is_before(w, i, j, other_w, other_i, other_j):
-    """Whether the edge (w, i, j) comes before the other."""
-    if w != other_w:
-        return w < other_w
-    if i != other_i:
-        return i < other_i
-    return j < other_j
-
-
-@kernel
-def due(events, w, i, j):
-    """Whether a node wakes at the edge (w, i, j) or before."""
-    return events.size[0] > 0 and not is_before(
-        w, i, j, events.weight[0], events.i[0], events.j[0]
+def due(heap, weight, i, j):
+    """Whether a node becomes active at the edge (weight, i, j) or before."""
+    return heap.size[0] > 0 and not comes_before(
+        weight, i, j, heap.weight[0], heap.i[0], heap.j[0]
     )
 
 
 @kernel
-def push(events, node, w, i, j):
-    """Let a node wake at the edge (w, i, j)."""
-    weight, left, right, nodes = events.weight, events.i, events.j, events.node
-    slot = events.size[0]
-    events.size[0] += 1
+def push(heap, node, weight, i, j):
+    """Add a node that becomes active at the edge (weight, i, j)."""
+    slot = heap.size[0]
+    heap.size[0] += 1
     while slot > 0:
         up = (slot - 1) >> 1
-        if not is_before(w, i, j, weight[up], left[up], right[up]):
+        if not comes_before(weight, i, j, heap.weight[up], heap.i[up], heap.j[up]):
             break
-        weight[slot], left[slot], right[slot], nodes[slot] = (
-            weight[up],
-            left[up],
-            right[up],
-            nodes[up],
-        )
+        _move(heap, up, slot)
         slot = up
-    weight[slot], left[slot], right[slot], nodes[slot] = w, i, j, node
+    heap.weight[slot], heap.i[slot], heap.j[slot], heap.node[slot] = weight, i, j, node
 
 
 @kernel
-def pop(events):
-    """The node that wakes first; it is taken out."""
-    weight, left, right, nodes = events.weight, events.i, events.j, events.node
-    first = nodes[0]
-    events.size[0] -= 1
-    size = events.size[0]
-    w, i, j, node = weight[size], left[size], right[size], nodes[size]
+def pop(heap):
+    """Remove the node that becomes active first, and return it."""
+    first = heap.node[0]
+    heap.size[0] -= 1
+    size = heap.size[0]
+    weight, i, j, node = heap.weight[size], heap.i[size], heap.j[size], heap.node[size]
     slot, child = 0, 1
     while child < size:
         other = child + 1
-        if other < size and is_before(
-            weight[other], left[other], right[other], weight[child], left[child], right[child]
+        if other < size and comes_before(
+            heap.weight[other],
+            heap.i[other],
+            heap.j[other],
+            heap.weight[child],
+            heap.i[child],
+            heap.j[child],
         ):
             child = other
-        if not is_before(weight[child], left[child], right[child], w, i, j):
+        if not comes_before(heap.weight[child], heap.i[child], heap.j[child], weight, i, j):
             break
-        weight[slot], left[slot], right[slot], nodes[slot] = (
-            weight[child],
-            left[child],
-            right[child],
-            nodes[child],
-        )
+        _move(heap, child, slot)
         slot, child = child, 2 * child + 1
-    weight[slot], left[slot], right[slot], nodes[slot] = w, i, j, node
+    heap.weight[slot], heap.i[slot], heap.j[slot], heap.node[slot] = weight, i, j, node
     return first
+
+
+@inlined
+def _move(heap, source, slot):
+    heap.weight[slot], heap.i[slot] = heap.weight[source], heap.i[source]
+    heap.j[slot], heap.node[slot] = heap.j[source], heap.node[source]

@@ -1,4 +1,4 @@
-"""The points of the last seconds: arrivals, expiries, and who takes part."""
+"""The points of the last seconds: arrivals, expiries, and which points are accepted."""
 
 from typing import NamedTuple
 
@@ -12,41 +12,51 @@ from ellipseg_ros.records import (
     SECOND,
     THINNED,
     Array,
+    Layout,
     Sweep,
     join_fields,
     joined_layout,
 )
 
-LARGEST = 1e8  # m: a coordinate beyond is no measurement (the Earth's radius is 6.4e6 m)
-MOST_BYTES = 2**30  # of the fields of a window: 2 million points of 512 bytes
-TAKES_PART = 0  # fate of a point that has not been rejected or thinned
-WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: multiples are spread evenly
+MAX_COORDINATE_M = 1e8  # beyond is no measurement (the Earth's radius is 6.4e6 m)
+MAX_WINDOW_BYTES = 2**30  # of the fields of a window: 2 million points of 512 bytes
+ACCEPTED = 0  # fate of a point that is neither REJECTED nor THINNED
+GOLDEN_RATIO_STEP = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: its multiples are spread
+# evenly (Weyl sequence)
+ORIGIN_SAMPLE = 1000  # points whose median gives the origin
 
 
-class Points(NamedTuple):
+def max_window_points(max_points: int, layout: Layout) -> int:
+    """`max_points`, or fewer where the fields of a point have many bytes; 0: no limit."""
+    if max_points == 0 or layout is None:
+        return max_points
+    return min(max_points, MAX_WINDOW_BYTES // max(1, layout.itemsize))
+
+
+class WindowPoints(NamedTuple):
     """The points with start_ns < t <= end_ns, in the order of arrival; row i is point i."""
 
-    position: Array  # (n, 3) float64, m, world frame, as they came
+    position: Array  # (n, 3) float64, m, world frame, as received
     times_ns: Array  # (n,) int64
     arrival: Array  # (n,) int64: serial number since the last reset
-    fate: Array  # (n,) int8: TAKES_PART, REJECTED or THINNED
+    fate: Array  # (n,) int8: ACCEPTED, REJECTED or THINNED
 
 
-class Push(NamedTuple):
-    """What a sweep changed among the points that take part."""
+class Arrivals(NamedTuple):
+    """What a sweep changed among the accepted points."""
 
-    arrived: Array  # (m, 3) float64, m, local origin
+    points: Array  # (m, 3) float64, m, local origin: the new ones
     serial: Array  # (m,) int64: their serial numbers
-    expired: Array  # (e,) int64: serial numbers, among those that took part; ascending
+    expired: Array  # (e,) int64: serial numbers of accepted points that left, ascending
     late: int = 0  # new points, of any fate, that were older than the window already
-    evicted: int = 0  # points, old or new, that expired early for `max_points`
+    evicted: int = 0  # points, old or new, that `max_points` removed before their time
 
 
 class Window:
     """A sliding window in sensor time."""
 
     def __init__(self, origin: Array | None = None) -> None:
-        self._columns = Points(
+        self._columns = WindowPoints(
             Column(np.zeros((0, 3))),
             Column(np.zeros(0, np.int64)),
             Column(np.zeros(0, np.int64)),
@@ -58,13 +68,18 @@ class Window:
         self.end_ns = 0
         self.started = False
         self._origin = origin
-        self._arrived = 0  # points so far
-        self._counted = 0  # of them, those that were not rejected
+        self._arrived = 0  # points since the reset
+        self._finite = 0  # of them, points that were not rejected
 
     @property
-    def points(self) -> Points:
-        """The points of now; read only."""
-        return Points(*(column.values for column in self._columns))
+    def points(self) -> WindowPoints:
+        """The points in the window; read only."""
+        return WindowPoints(*(column.values for column in self._columns))
+
+    @property
+    def accepted(self) -> Array:
+        """(n,) bool: the points that are neither rejected nor thinned."""
+        return np.asarray(self._columns.fate.values == ACCEPTED)
 
     @property
     def fields(self) -> Array | None:
@@ -73,106 +88,112 @@ class Window:
 
     @property
     def origin(self) -> Array:
-        """(3,) m: what local coordinates count from; whole kilometres unless given."""
+        """(3,) m, subtracted from local coordinates; whole kilometres unless given."""
         return np.zeros(3) if self._origin is None else self._origin.copy()
 
-    def push(self, sweep: Sweep, config: Config) -> Push:
-        """Move on to the newest point of `sweep`, but never back."""
+    def push(self, sweep: Sweep, config: Config) -> Arrivals:
+        """Advance to the newest point of `sweep`; the end of the window never moves back."""
         times = sweep.times_ns
-        new = Points(
+        new = WindowPoints(
             sweep.points,
             times,
             np.arange(self._arrived, self._arrived + len(times)),
-            self._fate(sweep, self._budget(times, config)),
+            self._fates(sweep, self._budget(times, config)),
         )
-        takes_part = new.fate == TAKES_PART
+        accepted = new.fate == ACCEPTED
         if self._origin is None:
-            self._origin = _origin(sweep.points[takes_part])
+            self._origin = _origin(sweep.points[accepted])
         ends = [int(times.max())] if len(times) else []
         self.end_ns = max([*ends, self.end_ns] if self.started else ends, default=sweep.stamp_ns)
         self.start_ns = self.end_ns - round(config.window_duration * SECOND)
 
         old = self.points
-        gone = old.times_ns <= self.start_ns
+        expires = old.times_ns <= self.start_ns
         late = times <= self.start_ns  # possible, within max_lateness of a short window
-        too_late = int(late.sum())
-        evicted = self._make_room(gone, times, late, self._limit(sweep.fields, config))
-        expired = old.arrival[gone & (old.fate == TAKES_PART)]
-        comes = takes_part & ~late
-        arrived = chosen(new.position, comes) - self.origin
-        serial = chosen(new.arrival, comes)
+        late_count = int(late.sum())
+        evicted = self._evict(expires, times, late, self._limit(sweep.fields, config))
+        stays = ~late
+        arrivals = Arrivals(
+            points=select(new.position, accepted & stays) - self.origin,
+            serial=select(new.arrival, accepted & stays),
+            expired=old.arrival[expires & (old.fate == ACCEPTED)],
+            late=late_count,
+            evicted=evicted,
+        )
         self._arrived += len(times)
-        self._move(gone, new, sweep.fields, ~late)
+        self._replace_rows(expires, new, sweep.fields, stays)
         if len(sweep) or not self.started:
             self.frame_id = sweep.frame_id
         self.started = True
-        return Push(arrived, serial, expired, too_late, evicted)
+        return arrivals
 
-    def everything(self) -> Push:
-        """All points that take part, as if they had just arrived."""
-        comes = self.points.fate == TAKES_PART
-        local = self.points.position[comes] - self.origin
-        return Push(local, self.points.arrival[comes], np.zeros(0, np.int64))
+    def as_arrivals(self, last: Arrivals) -> Arrivals:
+        """All accepted points as new ones, for a new graph; the counts are those of `last`."""
+        local = self.points.position[self.accepted] - self.origin
+        serial = self.points.arrival[self.accepted]
+        return last._replace(points=local, serial=serial, expired=np.zeros(0, np.int64))
 
-    def _limit(self, come: Array | None, config: Config) -> int:
-        """Points that may stay: max_points, but less where each of them has many bytes."""
-        if config.max_points == 0 or come is None:
+    def _limit(self, fields: Array | None, config: Config) -> int:
+        """Points that may stay; 0: no limit."""
+        if fields is None:
             return config.max_points
-        here = None if self.fields is None else self.fields.dtype
-        layout = joined_layout(here, come.dtype) or come.dtype
-        return min(config.max_points, MOST_BYTES // max(1, layout.itemsize))
+        present = None if self.fields is None else self.fields.dtype
+        return max_window_points(config.max_points, joined_layout(present, fields.dtype))
 
-    def _make_room(self, gone: Array, times: Array, late: Array, limit: int) -> int:
-        """Let the oldest points expire early, where more than `limit` would stay; how many.
+    def _evict(self, expires: Array, times: Array, late: Array, limit: int) -> int:
+        """Evict the oldest points where more than `limit` would stay; returns how many.
 
-        Points of one time go together, unless that would be all. Marks them in `gone` and `late`.
+        Points of one time go together, unless that would be all. Marks them in `expires` (old
+        points) and `late` (new ones).
         """
-        stay, come = np.flatnonzero(~gone), np.flatnonzero(~late)
-        surplus = len(stay) + len(come) - limit
+        old, new = np.flatnonzero(~expires), np.flatnonzero(~late)
+        surplus = len(old) + len(new) - limit
         if limit == 0 or surplus <= 0:
             return 0
-        age = np.concatenate([self.points.times_ns[stay], times[come]])
+        age = np.concatenate([self.points.times_ns[old], times[new]])
         self.start_ns = int(np.partition(age, surplus - 1)[surplus - 1])
-        early = age <= self.start_ns
-        if early.all():
+        evicted = age <= self.start_ns
+        if evicted.all():
             self.start_ns -= 1
-            early[np.flatnonzero(age > self.start_ns)[surplus - len(early) :]] = False
-        gone[stay[early[: len(stay)]]] = True
-        late[come[early[len(stay) :]]] = True
-        return int(early.sum())
+            evicted[np.flatnonzero(age > self.start_ns)[surplus - len(evicted) :]] = False
+        expires[old[evicted[: len(old)]]] = True
+        late[new[evicted[len(old) :]]] = True
+        return int(evicted.sum())
 
-    def _move(self, gone: Array, new: Points, fields: Array | None, stays: Array) -> None:
-        """Drop the old rows that are `gone`, add the new ones that stay."""
+    def _replace_rows(
+        self, expires: Array, new: WindowPoints, fields: Array | None, stays: Array
+    ) -> None:
+        """Drop the old rows that expire, append the new ones that stay."""
         old_fields = self.fields
         for column, rows in zip(self._columns, new, strict=True):
-            column.drop(gone)
-            column.append(chosen(rows, stays))
-        come = None if fields is None else chosen(fields, stays)
-        if self._fields is not None and come is not None and come.dtype == self._fields.dtype:
-            self._fields.drop(gone)
-            self._fields.append(come)
+            column.drop(expires)
+            column.append(select(rows, stays))
+        added = None if fields is None else select(fields, stays)
+        if self._fields is not None and added is not None and added.dtype == self._fields.dtype:
+            self._fields.drop(expires)
+            self._fields.append(added)
             return
-        kept = None if old_fields is None else old_fields[~gone]
-        joined = join_fields([kept, come], [int((~gone).sum()), int(stays.sum())])
+        kept = None if old_fields is None else old_fields[~expires]
+        joined = join_fields([kept, added], [int((~expires).sum()), int(stays.sum())])
         self._fields = None if joined is None else Column(joined)
 
-    def _fate(self, sweep: Sweep, budget: float) -> Array:
-        """Who takes part; about `budget` points at most, spread evenly among the good ones."""
-        fate = np.empty(len(sweep), np.int8)
-        count = _check(sweep.points, fate)
+    def _fates(self, sweep: Sweep, budget: float) -> Array:
+        """(n,) int8: REJECTED where not finite; about `budget` others, evenly spread, ACCEPTED."""
+        fates = np.empty(len(sweep), np.int8)
+        count = _check(sweep.points, fates)
         if count > budget:
-            serial = np.arange(self._counted, self._counted + count, dtype=np.uint64)
-            share = (serial * WEYL) >> np.uint64(32)
-            good = np.flatnonzero(fate == TAKES_PART)
-            fate[good[share >= np.uint64(budget / count * 2.0**32)]] = THINNED
-        self._counted += count
-        return fate
+            serial = np.arange(self._finite, self._finite + count, dtype=np.uint64)
+            share = (serial * GOLDEN_RATIO_STEP) >> np.uint64(32)
+            finite = np.flatnonzero(fates == ACCEPTED)
+            fates[finite[share >= np.uint64(budget / count * 2.0**32)]] = THINNED
+        self._finite += count
+        return fates
 
     def _budget(self, times: Array, config: Config) -> float:
         """Points that max_points_per_second grants this update.
 
         It counts the time since the last one, but no gap: at most an update period or the sweep's
-        own span, whichever is longer. A sweep that brings no newer time has its own period.
+        own span, whichever is longer. A sweep without newer times counts with its own span.
         """
         if config.max_points_per_second == 0 or not len(times):
             return np.inf
@@ -183,28 +204,28 @@ class Window:
         return config.max_points_per_second * max(span, since)
 
 
+def select(rows: Array, mask: Array) -> Array:
+    """The rows where `mask` (n,) bool; without a copy where that is all of them."""
+    return rows if mask.all() else rows[mask]
+
+
 @kernel
-def _check(points, fate):
+def _check(points, fates):
     """Reject points that are not finite, or too far to be real; returns how many are left."""
     count = 0
     for i in range(len(points)):
         good = True
         for axis in range(3):
-            good = good and abs(points[i, axis]) <= LARGEST  # NaN is not
-        fate[i] = TAKES_PART if good else REJECTED
+            good = good and abs(points[i, axis]) <= MAX_COORDINATE_M  # NaN is not
+        fates[i] = ACCEPTED if good else REJECTED
         count += good
     return count
 
 
-def chosen(rows: Array, mask: Array) -> Array:
-    """The rows where `mask` (n,) bool; as they are where that is all, which is the rule."""
-    return rows if mask.all() else rows[mask]
-
-
 def _origin(points: Array) -> Array | None:
-    """The median of some, in whole kilometres: subtracting it is exact; zero near zero."""
+    """Median of a sample, in whole kilometres: subtracting it is exact; zero near zero."""
     if not len(points):
         return None
-    some = points[:: len(points) // 1000 + 1]
-    kilometres: Array = np.floor(np.median(some, axis=0) / 1000.0 + 0.5)
+    sample = points[:: len(points) // ORIGIN_SAMPLE + 1]
+    kilometres: Array = np.floor(np.median(sample, axis=0) / 1000.0 + 0.5)
     return kilometres * 1000.0

@@ -13,7 +13,7 @@ from ellipseg_ros.io.cdr import Cdr
 from ellipseg_ros.io.colours import id_colours
 from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.point_times import OFFSET, time_offsets
-from ellipseg_ros.records import WIDEST, Array, Segmentation, Sweep
+from ellipseg_ros.records import MAX_FIELDS_BYTES, Array, Segmentation, Sweep
 
 Layout: TypeAlias = np.dtype[Any]
 
@@ -50,9 +50,10 @@ def read_sweep(msg: Any) -> Sweep:
 def read_fields(msg: Any) -> Array:
     """Every field of a PointCloud2: (n,) structured, in native byte order."""
     count = msg.width * msg.height
-    if msg.point_step > WIDEST:
+    if msg.point_step > MAX_FIELDS_BYTES:
         raise InputError(
-            f"point_step is {msg.point_step}; a point has at most {WIDEST} bytes", "point_step"
+            f"point_step is {msg.point_step}; a point has at most {MAX_FIELDS_BYTES} bytes",
+            "point_step",
         )
     layout = _layout(msg, count)
     check_xyz(layout)
@@ -108,16 +109,17 @@ def _layout(msg: Any, count: int) -> Layout:
         number = max(field.count, 1)  # some publishers say 0 and mean 1
         size = number * np.dtype(kind).itemsize
         end = field.offset + size
-        if end > (msg.point_step if count else WIDEST):
+        if end > (msg.point_step if count else MAX_FIELDS_BYTES):
             raise InputError(
                 f"field {field.name!r} ends at byte {end} of a point, beyond point_step "
                 f"{msg.point_step}; it must end within",
                 "point_step",
             )
         total += size  # fields that overlap are apart as soon as clouds are joined
-        if total > WIDEST:
+        if total > MAX_FIELDS_BYTES:
             raise InputError(
-                f"the fields of a point hold more than {WIDEST} bytes; that is the most", "fields"
+                f"the fields of a point hold more than {MAX_FIELDS_BYTES} bytes; that is the most",
+                "fields",
             )
         names.append(field.name)
         formats.append(order + kind if number == 1 else (order + kind, (number,)))

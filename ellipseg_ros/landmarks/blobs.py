@@ -6,7 +6,7 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.disjoint_set import find
-from ellipseg_ros.core.ellipsoids import EIGENVALUES, MEAN, V1, V2, V3, united
+from ellipseg_ros.core.flat_moments import EIGENVALUES, MEAN, V1, V2, V3, united
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.members import Members, members
 from ellipseg_ros.landmarks.fits import Fits, no_fits, passages

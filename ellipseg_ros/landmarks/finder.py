@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
-from ellipseg_ros.core.ellipsoids import COUNT
+from ellipseg_ros.core.flat_moments import COUNT
 from ellipseg_ros.core.members import Members, boxes, members
 from ellipseg_ros.landmarks.blobs import compact, find_blobs
 from ellipseg_ros.landmarks.fits import Fits, chosen, joined

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
-from ellipseg_ros.core.ellipsoids import COUNT, EIGENVALUES, MEAN, V1
+from ellipseg_ros.core.flat_moments import COUNT, EIGENVALUES, MEAN, V1
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.members import Boxes, Members
 from ellipseg_ros.landmarks.cylinder import PARAMETERS, across, fit_cylinder, place, residual

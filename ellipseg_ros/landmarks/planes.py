@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
-from ellipseg_ros.core.ellipsoids import (
+from ellipseg_ros.core.flat_moments import (
     COUNT,
     COVARIANCE,
     EIGENVALUES,
@@ -14,11 +14,11 @@ from ellipseg_ros.core.ellipsoids import (
     V1,
     V2,
     V3,
+    set_axes,
     unite,
     united,
 )
 from ellipseg_ros.core.jit import for_parts, kernel
-from ellipseg_ros.core.linalg.eigen import eigen
 from ellipseg_ros.core.members import Boxes, Members, boxes, members
 from ellipseg_ros.landmarks.fits import CHUNKS, Fits, chosen, no_fits, passages, uncertainty
 from ellipseg_ros.objects.agglomeration import flat_groups
@@ -185,7 +185,7 @@ def _moments(points, rows, node, kept):
     node[0, COVARIANCE + 3] = yy / count - my * my
     node[0, COVARIANCE + 4] = yz / count - my * mz
     node[0, COVARIANCE + 5] = zz / count - mz * mz
-    eigen(node, 0, COVARIANCE, EIGENVALUES, (V1, V2, V3))
+    set_axes(node, 0)
 
 
 @kernel

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.ellipsoids import COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
+from ellipseg_ros.core.flat_moments import COUNT, COVARIANCE, EIGENVALUES, MEAN, unite
 from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
 from ellipseg_ros.objects.indexed_heap import NOWHERE, empty_heap, remove, set_cost

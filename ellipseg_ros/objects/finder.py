@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import ObjectsConfig
-from ellipseg_ros.core.ellipsoids import EIGENVALUES, V1, V2, V3, united
+from ellipseg_ros.core.flat_moments import EIGENVALUES, V1, V2, V3, united
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.members import boxes
 from ellipseg_ros.objects.agglomeration import merge_segments

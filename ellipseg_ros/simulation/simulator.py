@@ -52,7 +52,7 @@ class Scene(Checked):
     drive without drift gives the same points where they truly are, but for the noise.
     """
 
-    name: str = setting("industrial", "what the vehicle drives through", choices=SCENES)
+    name: str = setting("industrial", "what the vehicle drives through", allowed=SCENES)
     seed: int = setting(0, "another seed, another street", low=0, high=2**32)
     duration: float = setting(25.0, "length of the drive", unit="s", low=0.1, high=3600.0)
     speed: float = setting(3.0, "of the vehicle", unit="m/s", low=0.0, high=30.0)

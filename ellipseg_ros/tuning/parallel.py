@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.tuning.tasks import Curves, Task, run, run_alone
+from ellipseg_ros.tuning.tasks import Curves, Task, run, run_single_threaded
 
 AHEAD = 2  # tasks under way per worker: none idles, and few windows are in memory
 PATIENCE = 10  # s that a scheduler gets to answer
@@ -112,11 +112,11 @@ class _Pool:
 
     def submit(self, task: Task) -> "Future[Curves]":
         try:
-            return self._executor.submit(run_alone, task)
+            return self._executor.submit(run_single_threaded, task)
         except BrokenExecutor:
             self.close()
             self._executor = self._new()
-            return self._executor.submit(run_alone, task)
+            return self._executor.submit(run_single_threaded, task)
 
     def close(self) -> None:
         self._executor.shutdown(cancel_futures=True)
@@ -146,4 +146,4 @@ def dask(address: str) -> Iterator[Workers]:
         if not count:
             raise EllipsegError(f"the scheduler at {address} has no workers; start some first")
         executor = client.get_executor(pure=False, retries=1)
-        yield Workers(count, lambda task: executor.submit(run_alone, task))
+        yield Workers(count, lambda task: executor.submit(run_single_threaded, task))

@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ellipseg_ros.config import Checked, Config, setting
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.records import Array
 from ellipseg_ros.tuning.curve import Curve
-from ellipseg_ros.tuning.graph import Graph, graph_of, sweep
+from ellipseg_ros.tuning.window_graph import WindowGraph, threshold_curve, window_graph
 
-# Lowest and highest threshold of the grid: hardly any merge, and hardly anything left to merge.
-RANGES = {"shape": (0.1, 100.0), "density": (1e-3, 1e3), "parsimony": (0.1, 100.0)}  # -, m, -
 CRITERION_RANGE = -1.0
 
 
@@ -36,7 +35,7 @@ class Search(Checked):
         given = (self.lowest, self.highest)
         low, high = (
             own if value == CRITERION_RANGE else value
-            for value, own in zip(given, RANGES[criterion], strict=True)
+            for value, own in zip(given, CRITERIA[criterion].search_range, strict=True)
         )
         if not 0.0 < low < high:
             raise ConfigError(
@@ -52,7 +51,7 @@ def curve(points: Array, config: Config, thresholds: Array, origin: Array | None
     Every value is that of `segment(points, ...)` bit for bit, at a fraction of its cost:
     neighbours, initial ellipsoids and edges are computed once.
     """
-    return sweep(graph_of(points, config, origin), config, thresholds)
+    return threshold_curve(window_graph(points, config, origin), config, thresholds)
 
 
 def tune(
@@ -62,17 +61,17 @@ def tune(
 
     The curve holds the grid, its refinements, and the threshold of `config`.
     """
-    return tune_graph(graph_of(points, config, origin), config, search or Search())
+    return tune_window(window_graph(points, config, origin), config, search or Search())
 
 
-def tune_graph(graph: Graph, config: Config, search: Search) -> Curve:
+def tune_window(window: WindowGraph, config: Config, search: Search) -> Curve:
     """The same of a graph, which all criteria can share."""
     config = replace(config, threshold=config.tau)
-    found = sweep(graph, config, np.append(search.grid(config.criterion), config.tau))
+    found = threshold_curve(window, config, np.append(search.grid(config.criterion), config.tau))
     for _ in range(search.refinements):
         low, high = max(found.best - 1, 0), min(found.best + 1, len(found.threshold) - 1)
         finer = _between(found.threshold[low], found.threshold[high], search.finer)
-        found = found.with_rows_of(sweep(graph, config, finer))
+        found = found.with_rows_of(threshold_curve(window, config, finer))
     return found
 
 

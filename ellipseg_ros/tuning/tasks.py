@@ -7,10 +7,10 @@ from importlib.metadata import version
 from typing import Any
 
 from ellipseg_ros.config import Config, flatten
-from ellipseg_ros.core.jit import alone
+from ellipseg_ros.core.jit import single_threaded
 from ellipseg_ros.tuning.curve import Curve
-from ellipseg_ros.tuning.graph import graph_of
-from ellipseg_ros.tuning.search import Search, tune_graph
+from ellipseg_ros.tuning.search import Search, tune_window
+from ellipseg_ros.tuning.window_graph import window_graph
 from ellipseg_ros.tuning.windows import Cut
 
 Curves = dict[str, Curve]  # by criterion
@@ -47,15 +47,16 @@ def in_force(config: Config, criterion: str) -> Config:
 
 def run(task: Task) -> Curves:
     """Tune the window by every criterion, on all cores."""
-    graph = graph_of(task.cut.points, task.config, task.cut.origin)
+    graph = window_graph(task.cut.points, task.config, task.cut.origin)
     return {
-        name: tune_graph(graph, in_force(task.config, name), task.search) for name in task.criteria
+        name: tune_window(graph, in_force(task.config, name), task.search)
+        for name in task.criteria
     }
 
 
-def run_alone(task: Task) -> Curves:
+def run_single_threaded(task: Task) -> Curves:
     """The same on one core, beside others that do the same."""
-    with alone():
+    with single_threaded():
         return run(task)
 
 

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.window import TAKES_PART, Window
+from ellipseg_ros.core.window import Window
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.records import SECOND, Array, Sweep
 
-LEAST = 0.5  # of a step: a rest at the end that is shorter is no window of its own
+MIN_STEP_SHARE = 0.5  # a remainder at the end shorter than this share of a step is no window
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Cut:
     number: int  # of the window in its source, from 0
     start_s: float  # s of sensor time from the source's first point to the window's first
     end_s: float  # and to its last
-    points: Array  # (n, 3) m: those that take part
+    points: Array  # (n, 3) m: the accepted ones
     origin: Array  # (3,) m: see Segmentation
 
 
@@ -43,9 +43,9 @@ def windows(
         if first_ns is None:
             first_ns = int(group.times_ns.min(initial=window.end_ns))
         begin_ns = int(window.points.times_ns.min(initial=window.end_ns))
-        if cut_ns is not None and window.end_ns - cut_ns < LEAST * step * SECOND:
+        if cut_ns is not None and window.end_ns - cut_ns < MIN_STEP_SHARE * step * SECOND:
             continue
-        points = window.points.position[window.points.fate == TAKES_PART]
+        points = window.points.position[window.accepted]
         span = ((begin_ns - first_ns) / SECOND, (window.end_ns - first_ns) / SECOND)
         yield Cut(source, number, *span, points, window.origin)
         number, cut_ns = number + 1, window.end_ns

@@ -7,7 +7,8 @@ from itertools import islice
 
 import numpy as np
 
-from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.records import ISOLATED, Array, Segmentation, Sweep
@@ -91,7 +92,7 @@ def _best_threshold(points: Array, criterion: str, sizes: Sizes) -> float:
             replace(
                 SEGMENTS_ONLY,
                 criterion=criterion,
-                threshold=DEFAULT_THRESHOLDS[criterion] * factor,
+                threshold=CRITERIA[criterion].default_threshold * factor,
             ),
         )
         for factor in sizes.factors

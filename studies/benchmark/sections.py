@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import simulate
 from studies.benchmark import batch, incremental, live, targets, tuning

@@ -10,26 +10,32 @@ from contextlib import contextmanager
 from typing import Any
 
 from ellipseg_ros import segmenter
+from ellipseg_ros.core import graph, merge
+from ellipseg_ros.core.graph import Graph
 from ellipseg_ros.core.merge import Merge
-from ellipseg_ros.core.neighbours import Neighbours
+from ellipseg_ros.core.segments import SegmentStage
 from ellipseg_ros.core.tracking import Tracker
 from ellipseg_ros.core.window import Window
+from ellipseg_ros.landmarks.stage import LandmarkStage
+from ellipseg_ros.objects.stage import ObjectStage
 from ellipseg_ros.segmenter import Segmenter
 
 OTHER = "other"  # time of `process` outside the other stages
 STAGES: list[tuple[str, Any, str]] = [  # stage, class or module, name of the call in it
     ("window", Window, "push"),
-    ("neighbours", Neighbours, "update"),
-    ("ellipsoids", segmenter, "initial_ellipsoids"),
-    ("ellipsoids", segmenter, "neighbour_masses"),
-    ("edges", segmenter, "update_edges"),
-    ("merge", Merge, "widened"),
+    ("neighbours", Graph, "update"),
+    ("ellipsoids", graph, "initial_ellipsoids"),
+    ("ellipsoids", merge, "initial_values"),
+    ("edges", graph, "update_edges"),
+    ("renumbering", graph, "renumber_edges"),
+    ("renumbering", graph, "moved"),
+    ("renumbering", merge, "renumber_dendrogram"),
     ("merge", Merge, "update"),
-    ("renumbering", Segmenter, "_make_room"),
     ("ids", Tracker, "assign"),
-    ("objects", Segmenter, "_objects"),
-    ("landmarks", Segmenter, "_landmarks"),
-    ("result", Segmenter, "_result"),
+    ("segments", SegmentStage, "update"),
+    ("adjacency", segmenter, "segment_adjacency"),
+    ("objects", ObjectStage, "update"),
+    ("landmarks", LandmarkStage, "update"),
     (OTHER, Segmenter, "process"),
 ]
 NAMES = tuple(dict.fromkeys(name for name, _, _ in STAGES))

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.records import Array
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.tuning.search import Search, curve

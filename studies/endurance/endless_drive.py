@@ -1,4 +1,4 @@
-"""A drive without an end: a simulated lap again and again, always in a new place."""
+"""A drive without an end: a simulated lap repeated in ever new places."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -9,21 +9,21 @@ import numpy as np
 from ellipseg_ros.records import SECOND, Array, Sweep
 from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
 
-NOISE = 0.01  # m: standard deviation of what makes every lap another one
+NOISE = 0.01  # m: standard deviation of the noise that differs from lap to lap
 
 
 @dataclass(frozen=True)
-class Tape:
-    """Laps of a simulated street, one laid behind the other, with new noise; the same every time.
+class EndlessDrive:
+    """Laps of a simulated street, joined end to end, each with new noise; deterministic.
 
-    rate: points/s; each sweep then holds points several times, with noise of their own, as if
-    several scanners saw it. 0: those of the one scanner.
+    rate: points/s, for which points of each sweep are repeated or dropped at random, with
+    independent noise, as if several scanners measured them; 0: those of the simulated scanner.
     """
 
     lap_s: float
     laps: int
     rate: float = 0.0
-    first: int = 0  # number of the first lap: where and when it begins
+    first: int = 0  # number of the first lap, which determines its place and time
     scene: str = "industrial"
     seed: int = 0
 
@@ -46,7 +46,7 @@ class Tape:
 
     @cached_property
     def _step(self) -> Array:
-        """(3,) m, level: from the beginning of a lap to the next one's."""
+        """(3,) m, horizontal: from the start of a lap to that of the next."""
         first, last = (np.median(self._lap[k].points, axis=0) for k in (0, -1))
         step: Array = (last - first) * (1.0, 1.0, 0.0)
         return step

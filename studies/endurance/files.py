@@ -1,63 +1,63 @@
-"""The subject "files": spoiled bags, clouds, maps and parameter files, given to the commands."""
+"""Subject `files`: damaged bags, clouds, maps and parameter files given to the commands."""
 
 from collections import Counter
 
 from studies.endurance.file_trials import (
-    ADDRESSES,
-    LIMIT,
-    MEMORY_MB,
+    EXTRA_ADDRESSES,
+    INTACT,
+    MAX_MEMORY_MB,
     SKIPPED,
-    WHOLE,
+    TIMEOUT_S,
     Outcome,
     try_files,
 )
-from studies.endurance.promises import Promise, Trial
+from studies.endurance.requirements import Options, Requirement
 
-CASES, QUICK = 100, 6  # of every kind
+CASES, QUICK_CASES = 100, 6  # of every kind of file
 
 
-def files(trial: Trial) -> list[Promise]:
-    """Spoil files of every kind, and look at what a user gets to see."""
-    found: list[Outcome] = []
-    for outcome in try_files(trial.seed, QUICK if trial.quick else CASES):
-        found.append(outcome)
+def files(options: Options) -> list[Requirement]:
+    """Damage files of every kind and read them with the commands."""
+    outcomes: list[Outcome] = []
+    for outcome in try_files(options.seed, QUICK_CASES if options.quick else CASES):
+        outcomes.append(outcome)
         if outcome.fault:
-            trial.say(f"files: {outcome.kind}, {outcome.damage}: {outcome.fault}")
-        if len(found) % 100 == 0:
-            trial.say(f"files: {len(found)} files")
-    return promises(found)
+            options.log(f"files: {outcome.kind}, {outcome.damage}: {outcome.fault}")
+        if len(outcomes) % 100 == 0:
+            options.log(f"files: {len(outcomes)} files")
+    return file_requirements(outcomes)
 
 
-def promises(found: list[Outcome]) -> list[Promise]:
-    """The rows of what came of all files."""
-    whole = [one for one in found if one.damage == WHOLE]
-    spoiled = [one for one in found if one.damage not in (WHOLE, SKIPPED)]
-    skipped = len(found) - len(whole) - len(spoiled)
-    kinds = ", ".join(one.kind for one in whole)
-    how = (
-        f"{len(spoiled)} files ({kinds}): cut off, bits flipped, sizes that lie, blocks lost, "
-        "empty, noise, of another kind, missing, a folder"
-        + (f"; {skipped} more that are locked, left out: root may read them" if skipped else "")
+def file_requirements(outcomes: list[Outcome]) -> list[Requirement]:
+    """Requirements on the outcomes of all files."""
+    intact = [outcome for outcome in outcomes if outcome.damage == INTACT]
+    damaged = [outcome for outcome in outcomes if outcome.damage not in (INTACT, SKIPPED)]
+    skipped = len(outcomes) - len(intact) - len(damaged)
+    kinds = ", ".join(outcome.kind for outcome in intact)
+    test = (
+        f"{len(damaged)} files ({kinds}): truncated, bits flipped, wrong sizes, blocks lost, "
+        "empty, random bytes, of another kind, missing, a folder"
+        + (f"; {skipped} more without read permission skipped, as root reads them" * bool(skipped))
     )
-    codes = Counter(one.code for one in spoiled)
-    faults = [one for one in found if one.fault]
-    good = sum(one.code == 0 for one in whole)
-    slowest = max((one.seconds for one in spoiled), default=0.0)
-    most = max((one.memory_mb for one in spoiled), default=0.0)
+    codes = Counter(outcome.code for outcome in damaged)
+    faults = [outcome for outcome in outcomes if outcome.fault]
+    read = sum(outcome.code == 0 for outcome in intact)
+    slowest = max((outcome.seconds for outcome in damaged), default=0.0)
+    memory = max((outcome.memory_mb for outcome in damaged), default=0.0)
     return [
-        Promise(
-            "A spoiled file gives one clear line and exit code 2, or its damage does not show; "
-            "never a traceback, nor results in part",
-            f"{how}; {len(whole)} that are whole",
-            f"{codes[2]} refused, {codes[0]} read, {len(faults)} otherwise; "
-            f"{good} of {len(whole)} whole ones read",
-            not faults and good == len(whole) and codes[2] > 0,
+        Requirement(
+            "a damaged file gives one clear line and exit code 2, or its damage has no effect; "
+            "never a traceback or partial results",
+            f"{test}; {len(intact)} intact files",
+            f"{codes[2]} rejected, {codes[0]} read, {len(faults)} faults; "
+            f"{read} of {len(intact)} intact files read",
+            not faults and read == len(intact) and codes[2] > 0,
         ),
-        Promise(
-            f"It costs neither time (at most {LIMIT:g} s) nor memory (at most {MEMORY_MB:g} MB), "
-            "whatever its header claims",
-            f"the same, in a process that may ask for {ADDRESSES / 2**30:g} GiB more than it has",
-            f"{slowest:.1f} s and {most:.0f} MB at most",
-            slowest < LIMIT and most < MEMORY_MB,
+        Requirement(
+            f"it takes at most {TIMEOUT_S:g} s and {MAX_MEMORY_MB:g} MB, whatever its header "
+            "states",
+            f"the same, in a process limited to {EXTRA_ADDRESSES / 2**30:g} GiB more than it has",
+            f"at most {slowest:.1f} s and {memory:.0f} MB",
+            slowest < TIMEOUT_S and memory < MAX_MEMORY_MB,
         ),
     ]

@@ -1,4 +1,4 @@
-"""The subject "inputs": odd clouds, landmarks and segments, and odd messages to a running node."""
+"""Subject `inputs`: odd clouds, landmarks and segments, offline and to a running node."""
 
 from dataclasses import dataclass
 
@@ -7,18 +7,18 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.segmenter import warm_up
 from studies.endurance.conversion import Tally, convert
-from studies.endurance.live_inputs import Heard, listen
-from studies.endurance.odd_landmarks import recognize, reflect
-from studies.endurance.promises import Promise, Trial
+from studies.endurance.live_inputs import LiveResult, send_odd_clouds
+from studies.endurance.odd_landmarks import associate_odd_landmarks, mirror_odd_segments
+from studies.endurance.requirements import Options, Requirement
 
-SLOWEST = 5.0  # s that an odd cloud of some thousand points may take
-GROWTH_MB = 500.0  # that all of them may add to the memory
-SHOWN = 3  # faults that are told
+MAX_SECONDS = 5.0  # for an odd cloud of some thousand points
+MAX_GROWTH_MB = 500.0  # of memory, by all of them
+SHOWN_FAULTS = 3
 
 
 @dataclass(frozen=True)
 class Cases:
-    """How many of each."""
+    """Number of cases of each kind."""
 
     converted: int
     sent: int
@@ -31,122 +31,126 @@ FULL = Cases(10_000, 500, 5_000_000, 2000, 5000)
 QUICK = Cases(400, 60, 200_000, 50, 500)
 
 
-def inputs(trial: Trial) -> list[Promise]:
-    """Try all of it; whatever must not be is a fault, and told."""
-    cases = QUICK if trial.quick else FULL
+def inputs(options: Options) -> list[Requirement]:
+    """Process odd input of all kinds."""
+    cases = QUICK if options.quick else FULL
     warm_up()
     warm_up_association()
     reset_peak()
-    before = resident_mb()
-    trial.say(f"inputs: {cases.converted} clouds")
-    converted = _told(convert(trial.seed, range(cases.converted)), trial)
-    found = _converted(converted, peak_mb() - before)
-    trial.say(f"inputs: {cases.landmarks} lists of landmarks, {cases.segments} of segments")
-    found.append(_landmarks(_told(recognize(trial.seed, cases.landmarks), trial)))
-    found.append(_segments(_told(reflect(trial.seed, cases.segments), trial)))
-    trial.say(f"inputs: {cases.sent} clouds to the node, then {cases.large} points in one")
-    return found + of_node(listen(trial.seed, cases.sent, cases.large), cases)
+    before_mb = resident_mb()
+    options.log(f"inputs: {cases.converted} clouds")
+    clouds = _logged(convert(options.seed, range(cases.converted)), options)
+    results = converted_requirements(clouds, peak_mb() - before_mb)
+    options.log(f"inputs: {cases.landmarks} lists of landmarks, {cases.segments} of segments")
+    landmarks = _logged(associate_odd_landmarks(options.seed, cases.landmarks), options)
+    segments = _logged(mirror_odd_segments(options.seed, cases.segments), options)
+    results += [_landmarks(landmarks), _segments(segments)]
+    options.log(f"inputs: {cases.sent} clouds to the node, then one of {cases.large} points")
+    live = send_odd_clouds(options.seed, cases.sent, cases.large)
+    return results + live_requirements(live, cases.sent, cases.large)
 
 
-def _told(tally: Tally, trial: Trial) -> Tally:
-    for fault in tally.faults[:SHOWN]:
-        trial.say(f"inputs: {fault}")
+def _logged(tally: Tally, options: Options) -> Tally:
+    for fault in tally.faults[:SHOWN_FAULTS]:
+        options.log(f"inputs: {fault}")
     return tally
 
 
-def _converted(tally: Tally, memory_mb: float) -> list[Promise]:
-    tried = f"{tally.cases:,} generated clouds, {tally.points:,} points in those accepted"
+def converted_requirements(tally: Tally, memory_mb: float) -> list[Requirement]:
+    """Requirements on the conversion of odd clouds; memory_mb: by which memory grew."""
+    test = f"{tally.cases:,} generated clouds with {tally.points:,} points in those accepted"
     return [
-        Promise(
-            "An odd cloud gives an update or a short reason, without an exception or a warning; "
-            "every point is in the window or counted, no number is NaN or infinite, and every "
-            "message can be read",
-            f"{tried}; {tally.updates:,} updates looked at, messages of {tally.decoded:,} read",
+        Requirement(
+            "an odd cloud gives an update or a short error message, never an exception or a "
+            "warning; every point is in the window or counted, no number is NaN or infinite, and "
+            "every message can be read",
+            f"{test}; {tally.updates:,} updates checked, messages of {tally.decoded:,} read",
             f"{tally.accepted:,} accepted, {tally.rejected.total():,} rejected for "
             f"{len(tally.rejected)} reasons, {len(tally.faults)} faults",
             not tally.faults and tally.decoded > 0 and len(tally.rejected) > 1,
         ),
-        Promise(
-            f"None of them takes long (at most {SLOWEST:g} s), or much memory (at most "
-            f"{GROWTH_MB:g} MB), whatever sizes it claims",
-            tried,
-            f"{tally.slowest:.2f} s at most; {memory_mb:.0f} MB more than before",
-            tally.slowest < SLOWEST and memory_mb < GROWTH_MB,
+        Requirement(
+            f"none of them takes long (at most {MAX_SECONDS:g} s) or much memory (at most "
+            f"{MAX_GROWTH_MB:g} MB), whatever sizes it states",
+            test,
+            f"at most {tally.slowest_s:.2f} s; {memory_mb:.0f} MB more than before",
+            tally.slowest_s < MAX_SECONDS and memory_mb < MAX_GROWTH_MB,
         ),
     ]
 
 
-def _landmarks(tally: Tally) -> Promise:
-    return Promise(
-        "Nonsense in landmarks is refused by the associator, and gives no nonsense",
-        f"{tally.cases:,} lists of 2 to 20, with numbers and lengths that cannot be",
+def _landmarks(tally: Tally) -> Requirement:
+    return Requirement(
+        "the associator rejects invalid landmarks, and its results are finite",
+        f"{tally.cases:,} lists of 2 to 20 landmarks with invalid numbers and lengths",
         f"{tally.updates:,} associated, {tally.rejected.total():,} rejected for "
         f"{len(tally.rejected)} reasons, {len(tally.faults)} faults",
         not tally.faults and tally.updates > 0 and tally.rejected.total() > 0,
     )
 
 
-def _segments(tally: Tally) -> Promise:
-    return Promise(
-        "`SegmentMirror` says that it is in step only if its copy holds all points",
-        f"{tally.cases:,} lists of segments that contradict themselves and one another",
-        f"in step after {tally.updates:,}, {len(tally.faults)} faults",
+def _segments(tally: Tally) -> Requirement:
+    return Requirement(
+        "`SegmentMirror` reports that it is in sync only if its copy holds all points",
+        f"{tally.cases:,} lists of segments with contradictions",
+        f"in sync after {tally.updates:,}, {len(tally.faults)} faults",
         not tally.faults and 0 < tally.updates < tally.cases,
     )
 
 
-def of_node(heard: Heard, cases: Cases) -> list[Promise]:
-    """The rows of what came of messages to the running node."""
-    different = differences(heard)
-    growth = heard.peak_mb - heard.before_mb
-    early = int(heard.large["points evicted"]) - heard.tally.evicted
+def live_requirements(live: LiveResult, sent: int, large: int) -> list[Requirement]:
+    """Requirements on a running node; sent: odd clouds. large: points of the large cloud."""
+    different = count_differences(live)
+    growth = live.peak_mb - live.before_mb
+    early = int(live.large_report["points expired early"]) - live.tally.evicted
     return [
-        Promise(
-            "/diagnostics of the running node count every cloud, every reason, every point",
-            f"{cases.sent} odd clouds over DDS; each count beside that of the same clouds without "
-            "the node",
-            f"{heard.said['clouds rejected']} of {heard.said['clouds received']} rejected, "
-            f"{heard.said['updates']} updates; {'; '.join(different) or 'no difference'}",
+        Requirement(
+            "/diagnostics of a running node count every cloud, every reason and every point",
+            f"{sent} odd clouds over DDS; each count compared with that of the same clouds "
+            "without the node",
+            f"{live.report['clouds rejected']} of {live.report['clouds received']} rejected, "
+            f"{live.report['updates']} updates; {'; '.join(different) or 'no difference'}",
             not different,
         ),
-        Promise(
-            "Bytes that are no message don't end the node, or silence it",
-            f"{heard.garbage} messages cut off or with lengths that lie, then a good one",
-            f"{heard.large['clouds lost by DDS']} dropped and counted as lost; "
-            f"{heard.after_garbage} received afterwards",
-            heard.after_garbage >= 1,
+        Requirement(
+            "bytes that are not a message neither end nor block the node",
+            f"{live.garbage} messages that are truncated or state wrong lengths, then a valid one",
+            f"{live.large_report['clouds lost by DDS']} dropped and counted as lost; "
+            f"{live.after_garbage} received afterwards",
+            live.after_garbage >= 1,
         ),
-        Promise(
-            "A cloud of millions of points in one message is segmented, and the node goes on",
-            f"{cases.large:,} points, 16 bytes each, `max_points` at its default",
-            f"segments after {heard.large_s:.1f} s, {growth:.0f} MB more than before; "
-            f"{early:,} points evicted, counted; the next cloud was segmented",
-            early == max(0, cases.large - Config().max_points),
+        Requirement(
+            "a cloud of millions of points in one message is segmented, and the node continues",
+            f"{large:,} points, 16 bytes each, `max_points` at its default",
+            f"segments after {live.large_s:.1f} s, {growth:.0f} MB more than before; "
+            f"{early:,} points expired early, counted; the next cloud was segmented",
+            early == max(0, large - Config().max_points),
         ),
     ]
 
 
-def differences(heard: Heard) -> list[str]:
-    """What the node counted otherwise than the same code without it."""
-    tally, said = heard.tally, heard.said
+def count_differences(live: LiveResult) -> list[str]:
+    """Counts of the node that differ from those of the same code without it."""
+    tally, report = live.tally, live.report
     counts = tally.last.counts if tally.last else None
     expected = {
         "clouds received": tally.cases,
         "clouds rejected": tally.rejected.total(),
-        **{f"clouds rejected: {why}": number for why, number in tally.rejected.items()},
+        **{f"clouds rejected: {reason}": count for reason, count in tally.rejected.items()},
         "clouds lost by DDS": 0,
         "updates": tally.updates,
         "restarts": tally.restarts,
         "points late": tally.late,
-        "points evicted": tally.evicted,
+        "points expired early": tally.evicted,
         "points segmented": counts.segmented if counts else 0,
         "points isolated": counts.isolated if counts else 0,
         "points rejected": counts.rejected if counts else 0,
     }
-    told = [
-        f"{name}: {said.get(name)}, not {number}"
-        for name, number in expected.items()
-        if said.get(name) != str(number)
+    different = [
+        f"{name}: {report.get(name)}, not {count}"
+        for name, count in expected.items()
+        if report.get(name) != str(count)
     ]
-    others = {name for name in said if name.startswith("clouds rejected: ")} - expected.keys()
-    return told + [f"{name}: not expected" for name in sorted(others)] + tally.faults[:SHOWN]
+    reasons = {name for name in report if name.startswith("clouds rejected: ")}
+    unexpected = [f"{name}: not expected" for name in sorted(reasons - expected.keys())]
+    return different + unexpected + tally.faults[:SHOWN_FAULTS]

@@ -1,9 +1,7 @@
-"""Odd LandmarkArrays for what the associator consists of, and odd SegmentArrays for the mirror."""
+"""Odd LandmarkArrays through map and association, and odd SegmentArrays through the mirror."""
 
-import traceback
 import warnings
 from collections.abc import Callable
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,63 +10,56 @@ import numpy as np
 from ellipseg_ros.association.associate import associate
 from ellipseg_ros.association.landmark_map import LandmarkMap
 from ellipseg_ros.config import AssociationConfig, MapConfig
-from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.limits import read_stamp
 from ellipseg_ros.io.segment_mirror import SegmentMirror
 from ellipseg_ros.records import Array
-from studies.endurance.conversion import LONGEST, Tally
+from studies.endurance.conversion import Tally
 
 ODD = (np.nan, np.inf, -np.inf, 5e-324, -1.0, 0.0, 1e-300, 1e9, 1e30, 1e300, -1e300)
 NUMBERS = (0, 1, 2, 3, 2**31, 2**32 - 1)
-FRESH = 50  # messages of one map, or of one mirror
-VAST = 5e6  # by which some worlds are larger: nearly as far as is refused
+CASES_PER_WORLD = 50  # messages to one map or mirror
+VAST = 5e6  # factor by which some worlds are larger: nearly as far as is rejected
 
 
-def recognize(seed: int, cases: int) -> Tally:
-    """Give odd landmarks to the map and to `associate`; `updates`: those that gave a verdict."""
+def associate_odd_landmarks(seed: int, cases: int) -> Tally:
+    """Give odd landmarks to a map and to `associate`; `updates`: those that were associated."""
+
+    def new_consumer() -> Callable[[int], bool]:
+        stored = LandmarkMap(MapConfig(min_age=0.0, delay=0.0))
+        return lambda case: _associate(stored, odd_landmarks(seed, case))
+
+    return _run(cases, new_consumer)
+
+
+def mirror_odd_segments(seed: int, cases: int) -> Tally:
+    """Give odd lists of segments to a mirror; `updates`: those after which it was in sync."""
+
+    def new_consumer() -> Callable[[int], bool]:
+        mirror = SegmentMirror()
+        return lambda case: _mirror(mirror, odd_segments(seed, case))
+
+    return _run(cases, new_consumer)
+
+
+def _run(cases: int, new_consumer: Callable[[], Callable[[int], bool]]) -> Tally:
+    """Give each case to a consumer, which returns whether it counts as an update."""
     tally = Tally()
-    stored = LandmarkMap(MapConfig())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for case in range(cases):
-            if case % FRESH == 0:
-                stored = LandmarkMap(MapConfig(min_age=0.0, delay=0.0))
-            _try(tally, case, partial(_recognize, stored, odd_landmarks(seed, case), tally))
+            if case % CASES_PER_WORLD == 0:
+                consume = new_consumer()
+            with tally.case(str(case)):
+                tally.updates += consume(case)
     return tally
 
 
-def reflect(seed: int, cases: int) -> Tally:
-    """Give odd lists of segments to a mirror; `updates`: those after which it was in step."""
-    tally = Tally()
-    mirror = SegmentMirror()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for case in range(cases):
-            if case % FRESH == 0:
-                mirror = SegmentMirror()
-            _try(tally, case, partial(_reflect, mirror, odd_segments(seed, case), tally))
-    return tally
-
-
-def _try(tally: Tally, case: int, do: Callable[[], None]) -> None:
-    tally.cases += 1
-    try:
-        do()
-    except InputError as error:
-        tally.rejected[error.reason] += 1
-        if len(str(error)) > LONGEST or not str(error).isprintable():
-            tally.faults.append(f"case {case}: a reason that is no short line: {error}")
-    except Exception:
-        tally.faults.append(f"case {case}: {traceback.format_exc()}")
-
-
-def _recognize(stored: LandmarkMap, message: Any, tally: Tally) -> None:
+def _associate(stored: LandmarkMap, message: Any) -> bool:
     live = read_landmarks(message)
     stamp_ns, frame_id = read_stamp(message.header.stamp), message.header.frame_id
     stored.update(live, stamp_ns, frame_id, message.sequence)
-    found = associate(stored.recognizable().landmarks, live, AssociationConfig())
-    tally.updates += 1
+    result = associate(stored.recognizable().landmarks, live, AssociationConfig())
     for name in (
         "probability",
         "distance",
@@ -77,39 +68,31 @@ def _recognize(stored: LandmarkMap, message: Any, tally: Tally) -> None:
         "centre",
         "undetermined",
     ):
-        if not np.isfinite(getattr(found, name)).all():
+        if not np.isfinite(getattr(result, name)).all():
             raise FloatingPointError(f"{name} of the association is not finite")
+    return True
 
 
-def _reflect(mirror: SegmentMirror, message: Any, tally: Tally) -> None:
-    if mirror.update(message):
-        tally.updates += 1
-        if sum(one.count for one in mirror.segments.values()) != message.segmented:
-            raise FloatingPointError("the copy is said to be in step, and counts other points")
+def _mirror(mirror: SegmentMirror, message: Any) -> bool:
+    if not mirror.update(message):
+        return False
+    if sum(segment.count for segment in mirror.segments.values()) != message.segmented:
+        raise FloatingPointError("the mirror is in sync, but its counts differ from the message")
+    return True
 
 
 # --- messages --------------------------------------------------------------------------------
 
 
 def odd_landmarks(seed: int, case: int) -> Any:
-    """A LandmarkArray: mostly of things in a world that stays, some with nonsense in them.
+    """A LandmarkArray of mostly the same objects from case to case, some with invalid numbers.
 
-    Some worlds are vast, and hardly anything is known of most that is in them.
+    Some worlds are vast, and most of their landmarks have large covariances.
     """
     rng = np.random.default_rng([seed, case])
-    world = np.random.default_rng([seed, case // FRESH])
+    world = np.random.default_rng([seed, case // CASES_PER_WORLD])
     vast = world.random() < 0.5
-    size = int(world.integers(2, 6)) if vast else 20
-    position = world.uniform(-20.0, 20.0, (size, 3)) * (VAST if vast else 1.0)
-    position += rng.normal(0.0, 0.01, (size, 3))
-    if case % 5 == 4:
-        position += 100.0  # all of before has gone
-    turns = world.normal(size=(size, 4))
-    turns /= np.linalg.norm(turns, axis=1)[:, None]
-    kinds = world.integers(0, 3, size)
-    rows = [_landmark(k, kinds[k], position[k], turns[k], case) for k in range(size)]
-    for row in rows if vast else ():
-        row.covariance = _any_covariance(world)
+    rows = _world_landmarks(world, rng, case, vast)
     for row in rows if rng.random() < 0.5 else ():
         if rng.random() < 0.1:
             _spoil(row, rng)
@@ -128,11 +111,29 @@ def odd_landmarks(seed: int, case: int) -> Any:
     )
 
 
+def _world_landmarks(
+    world: np.random.Generator, rng: np.random.Generator, case: int, vast: bool
+) -> list[Any]:
+    """The valid landmarks of a case; world: the same for all cases of a world."""
+    size = int(world.integers(2, 6)) if vast else 20
+    position = world.uniform(-20.0, 20.0, (size, 3)) * (VAST if vast else 1.0)
+    position += rng.normal(0.0, 0.01, (size, 3))
+    if case % 5 == 4:
+        position += 100.0  # none of the earlier landmarks
+    turns = world.normal(size=(size, 4))
+    turns /= np.linalg.norm(turns, axis=1)[:, None]
+    kinds = world.integers(0, 3, size)
+    rows = [_landmark(k, kinds[k], position[k], turns[k], case) for k in range(size)]
+    for row in rows if vast else ():
+        row.covariance = _any_covariance(world)
+    return rows
+
+
 def _landmark(k: int, kind: int, position: Array, turn: Array, case: int) -> Any:
     covariance = np.zeros((6, 6))
     for motion in ((2, 3, 4), (1, 2, 4, 5), (0, 1, 2))[kind]:
         covariance[motion, motion] = 1e-4
-    identity = 1000 * (case // 5) + k + 1  # others from time to time: those of before expire
+    identity = 1000 * (case // 5) + k + 1  # changes from time to time: earlier landmarks expire
     return SimpleNamespace(
         id=identity,
         kind=int(kind),
@@ -154,7 +155,7 @@ def _vector(values: Array) -> Any:
 
 
 def _any_covariance(world: np.random.Generator) -> list[float]:
-    """Of all orders of magnitude that are let in."""
+    """A covariance with variances of all orders of magnitude that are accepted."""
     turn = np.linalg.qr(world.normal(size=(6, 6)))[0] if world.random() < 0.3 else np.eye(6)
     variances = world.choice([0.0, 1e-300, 1e-20, 1e-6, 1.0, 1e10, 1e12], 6)
     covariance = turn * variances @ turn.T
@@ -162,14 +163,14 @@ def _any_covariance(world: np.random.Generator) -> list[float]:
 
 
 def _spoil(row: Any, rng: np.random.Generator) -> None:
-    """Put nonsense into one number, or all numbers, of a landmark."""
+    """Make one number or all numbers of a landmark invalid."""
     value = float(rng.choice(ODD))
     which = rng.integers(9)
     if which < 3:
         name, size = (("id", 2**32), ("kind", 2**8), ("count", 2**32))[which]
         setattr(row, name, int(rng.choice(NUMBERS)) % size)
     elif which < 6:
-        setattr((row.position, row.box_min, row.box_max)[which - 3], "xyz"[rng.integers(3)], value)
+        setattr((row.position, row.low, row.high)[which - 3], "xyz"[rng.integers(3)], value)
     elif which == 6:
         row.covariance = list(row.covariance)
         row.covariance[rng.integers(36)] = value
@@ -181,7 +182,7 @@ def _spoil(row: Any, rng: np.random.Generator) -> None:
 
 
 def odd_segments(seed: int, case: int) -> Any:
-    """A SegmentArray: ids, counts and sequence numbers of all sorts, full ones and changes."""
+    """A SegmentArray with any ids, counts and sequence number, full or incremental."""
     rng = np.random.default_rng([seed, case])
     ids = rng.integers(0, 9, rng.integers(0, 9))
     counts = (
@@ -191,13 +192,13 @@ def odd_segments(seed: int, case: int) -> Any:
         SimpleNamespace(id=int(i), count=n, state=int(rng.integers(0, 256)), parents=[1, 2])
         for i, n in zip(ids, counts, strict=True)
     ]
-    things = [SimpleNamespace(id=int(i), state=0, parents=[]) for i in ids[:3]]
+    objects = [SimpleNamespace(id=int(i), state=0, parents=[]) for i in ids[:3]]
     return SimpleNamespace(
         sequence=int(case if rng.random() < 0.9 else rng.choice(NUMBERS)),
         full=bool(rng.random() < 0.4),
         segments=rows,
-        objects=things,
+        objects=objects,
         removed=rng.integers(0, 9, rng.integers(0, 3)).tolist(),
         removed_objects=[],
-        segmented=sum({one.id: one.count for one in rows}.values()),
+        segmented=sum({row.id: row.count for row in rows}.values()),
     )

@@ -1,43 +1,45 @@
-"""Promises and figures as Markdown."""
+"""Results of the endurance and fault-injection tests as a page."""
 
 from typing import Any
 
 from studies.endurance.subjects import SUBJECTS
-from studies.report.markdown import machine_line, table
+from studies.report.machine import machine_line
+from studies.report.page import Page, Section
+from studies.report.requirements import requirement_table
 
 Results = dict[str, Any]  # by name of the subject
 
-INTRODUCTION = """# Reliability
-
-Written by `ellipseg soak`; every figure is of its last run. `make soak` runs all of it, an hour
-and a quarter, and `ellipseg soak --quick` short versions, some minutes. `make test` tries all but
-the overload, more shortly still, and of the overload the verdicts. It leaves out limits of time
-and memory, which a machine breaks that has other things to do.
-
-```bash
-ellipseg soak -o docs
-```
-"""
+INTRODUCTION = (
+    "Requirements on the node under load, odd input and injected faults, how each was tested, "
+    "and what was measured in the last run of each subject.",
+    "`python -m studies.endurance --quick` runs short versions in some minutes. `make test` runs "
+    "even shorter ones, except of the overload, and ignores limits of time and memory, which a "
+    "busy machine exceeds.",
+)
 
 
-def page(results: Results) -> str:
-    """All of docs/reliability.md."""
-    return "\n".join([INTRODUCTION, *blocks(results)])
+def page(results: Results) -> Page:
+    """The page endurance.md: a section for every tested subject."""
+    return Page(
+        name="endurance",
+        title="Endurance and fault injection",
+        introduction=INTRODUCTION,
+        sections=[
+            _section(subject.title, results[name])
+            for name, subject in SUBJECTS.items()
+            if name in results
+        ],
+        command="python -m studies.endurance -o docs/results    # 75 min",
+    )
 
 
-def blocks(results: Results) -> list[str]:
-    """A section for every subject that was tried."""
-    return [_section(SUBJECTS[name][0], results[name]) for name in SUBJECTS if name in results]
-
-
-def _section(title: str, found: Results) -> str:
-    rows = [
-        [row["promise"], row["tried"], row["figure"], "yes" if row["kept"] else "**no**"]
-        for row in found["promises"]
-    ]
-    version = "the short version, " if found["quick"] else ""
-    return (
-        f"## {title}\n\n{table(['promise', 'how it was tried', 'figure', 'kept'], rows)}\n"
-        f"In {version}{found['minutes']:g} min, seed {found['seed']}. "
-        f"{machine_line(found['machine'])}"
+def _section(title: str, result: Results) -> Section:
+    version = "Short version, " if result["quick"] else ""
+    duration = f"{version}{result['minutes']:g} min, seed {result['seed']}."
+    return Section(
+        title,
+        [
+            requirement_table(result["requirements"]),
+            f"{duration} {machine_line(result['machine'])}",
+        ],
     )

@@ -1,4 +1,4 @@
-"""A small good file of every kind that can be read, for trials of what spoiled ones do."""
+"""A small valid file of every kind that can be read, to be damaged."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +12,10 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from ellipseg_ros.association.landmark_map import StoredMap
+from ellipseg_ros.io.bag import CLOUD
 from ellipseg_ros.io.bag_writer import RECORDING
 from ellipseg_ros.io.map_file import write_map
 from ellipseg_ros.io.pointcloud2 import write_sweep
-from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.records import SECOND, Array, Landmarks, Sweep
 
 POINTS = 200
@@ -24,17 +24,17 @@ START = 1_700_000_000  # s
 
 
 def write_samples(folder: Path) -> dict[str, Path]:
-    """Write one file, or folder, of each kind; by name of the kind."""
-    made = {}
+    """Write one file, or folder, of each kind; returns their paths by kind."""
+    paths = {}
     for name, (path, write) in WRITERS.items():
-        made[name] = folder / name / path
-        made[name].parent.mkdir(parents=True)
-        write(made[name])
-    return made
+        paths[name] = folder / name / path
+        paths[name].parent.mkdir(parents=True)
+        write(paths[name])
+    return paths
 
 
 def points() -> Array:
-    """(n, 3) float32 m: a wall, that a segment can be made of."""
+    """(n, 3) float32 m: a wall, which gives a segment."""
     rng = np.random.default_rng(0)
     return rng.uniform((0.0, 0.0, 0.0), (2.0, 2.0, 0.02), (POINTS, 3)).astype(np.float32)
 
@@ -99,7 +99,7 @@ def _bag(plugin: StoragePlugin, mode: CompressionMode) -> Callable[[Path], None]
     return write
 
 
-def _bag_of_ros_1(path: Path) -> None:
+def _ros1_bag(path: Path) -> None:
     old, new = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
     with Writer1(path) as writer:
         connection = writer.add_connection("/points", CLOUD, typestore=old)
@@ -142,7 +142,7 @@ def _parameters(path: Path) -> None:
     )
 
 
-NO, WHOLE, EACH = CompressionMode.NONE, CompressionMode.STORAGE, CompressionMode.MESSAGE
+NONE, FILE, MESSAGE = CompressionMode.NONE, CompressionMode.STORAGE, CompressionMode.MESSAGE
 WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "pcd ascii": ("cloud.pcd", _pcd("ascii")),
     "pcd binary": ("cloud.pcd", _pcd("binary")),
@@ -152,11 +152,11 @@ WRITERS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "las": ("cloud.las", _las),
     "laz": ("cloud.laz", _las),
     "npz": ("cloud.npz", _npz),
-    "mcap": ("bag", _bag(StoragePlugin.MCAP, NO)),
-    "mcap zstd": ("bag", _bag(StoragePlugin.MCAP, WHOLE)),
-    "sqlite3": ("bag", _bag(StoragePlugin.SQLITE3, NO)),
-    "sqlite3 zstd": ("bag", _bag(StoragePlugin.SQLITE3, EACH)),
-    "ROS 1": ("cloud.bag", _bag_of_ros_1),
+    "mcap": ("bag", _bag(StoragePlugin.MCAP, NONE)),
+    "mcap zstd": ("bag", _bag(StoragePlugin.MCAP, FILE)),
+    "sqlite3": ("bag", _bag(StoragePlugin.SQLITE3, NONE)),
+    "sqlite3 zstd": ("bag", _bag(StoragePlugin.SQLITE3, MESSAGE)),
+    "ROS 1": ("cloud.bag", _ros1_bag),
     "map": ("map.npz", _map),
     "parameters": ("parameters.yaml", _parameters),
 }

@@ -7,13 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.config import (
-    CRITERIA,
-    DEFAULT_THRESHOLDS,
-    Config,
-    LandmarksConfig,
-    ObjectsConfig,
-)
+from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.records import Array, Kind, Landmarks, Segmentation
 from ellipseg_ros.segmenter import segment
@@ -112,13 +107,14 @@ def as_landmarks(what: Gaussians) -> Landmarks:
     )
 
 
+DEFAULTS = {name: criterion.default_threshold for name, criterion in CRITERIA.items()}
 OURS = Method("landmarks", our_landmarks)
 GRIDS = [Method(f"voxels of {edge:g} m", partial(voxels, edge=edge)) for edge in VOXELS]
 OTHERS = [
     *(
         Method(f"ellipsoids, {name}, {what}", partial(_find, criterion=name, threshold=at[name]))
         for _find in [merged_ellipsoids]
-        for what, at in (("least AICc", DEFAULT_THRESHOLDS), ("coarse", COARSE))
+        for what, at in (("least AICc", DEFAULTS), ("coarse", COARSE))
         for name in CRITERIA
     ),
     Method("initial ellipsoids", initial_ellipsoids),

@@ -1,1 +1,1 @@
-"""The paper's figures on scenes of ours, and what of its findings holds there."""
+"""The paper's figures on simulated scenes and recordings, and which of its findings hold there."""

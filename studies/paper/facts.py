@@ -1,4 +1,4 @@
-"""What the claims are judged by: numbers of every scene at the minima of its AICc."""
+"""Numbers of every scene at the minima of its AICc, by which the findings are judged."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import SIMULATED, Source
 from ellipseg_ros.records import Array, Segmentation
@@ -17,8 +18,8 @@ from ellipseg_ros.tuning.windows import Cut, windows
 
 Facts = dict[str, Any]  # JSON-ready
 
-SMALL = 12  # points: fewer are hardly an ellipsoid, as K = 9 numbers describe one
-KINDS = ("simulated", "real")
+SMALL = 12  # points; an ellipsoid has 9 parameters, so fewer points hardly determine one
+KINDS = ("simulated", "recorded")
 
 
 @dataclass(frozen=True)
@@ -31,13 +32,13 @@ class Scene:
     curves: Curves
 
     def at_minimum(self, criterion: str, config: Config) -> Segmentation:
-        """The window, segmented at the threshold of least AICc."""
+        """The window segmented at the threshold of lowest AICc."""
         config = with_threshold(config, self.curves[criterion])
         return segment(self.cut.points, config, self.cut.origin)
 
 
 def kind_of(spec: str) -> str:
-    """Whether a source is a simulated scene or a real one."""
+    """The kind of a source: simulated or recorded."""
     return KINDS[0] if spec.startswith(SIMULATED) else KINDS[1]
 
 
@@ -45,18 +46,20 @@ def first_window(source: Source, config: Config) -> Cut:
     """The first window of a source; InputError if it has no points."""
     cut = next(windows(source.name, source, config), None)
     if cut is None or not len(cut.points):
-        raise InputError(f"{source.name} has no points; it must have a window of them", "empty")
+        raise InputError(
+            f"{source.name} has no points; the study needs a window of points", "empty"
+        )
     return cut
 
 
 def with_threshold(config: Config, curve: Curve) -> Config:
-    """`config`, but for the criterion of the curve, at its minimum."""
+    """`config` with the criterion of the curve, at its minimum."""
     threshold = float(curve.threshold[curve.best])
     return replace(config, criterion=curve.criterion, threshold=threshold)
 
 
 def scene_facts(scene: Scene) -> Facts:
-    """Of the window itself; `criteria` is filled by `criterion_facts`."""
+    """Properties of the window; `criteria` is to be filled with `criterion_facts`."""
     cut = scene.cut
     seconds = round(cut.end_s - cut.start_s, 1)
     return {
@@ -68,16 +71,16 @@ def scene_facts(scene: Scene) -> Facts:
     }
 
 
-def criterion_facts(curve: Curve, found: Segmentation, config: Config) -> Facts:
-    """Of a curve, and of the segmentation at its minimum; AICc and its terms per point.
+def criterion_facts(curve: Curve, segmentation: Segmentation, config: Config) -> Facts:
+    """Numbers of a curve and of the segmentation at its minimum; AICc and its terms per point.
 
-    size_m: median over the points of the geometric mean of their ellipsoid's half axes, 1 sigma.
-    half: segments that hold half of the points, the largest first.
+    size_m: median over the points of the geometric mean of the semi-axes (1 sigma) of their
+    ellipsoid. half: number of largest segments that hold half of the points.
     """
     best, points = curve.best, max(1, curve.points)
-    count = found.ellipsoids.count
+    count = segmentation.ellipsoids.count
     default = in_force(config, curve.criterion).tau
-    size = np.prod(found.ellipsoids.eigenvalues, axis=1) ** (1.0 / 6.0)
+    size = np.prod(segmentation.ellipsoids.eigenvalues, axis=1) ** (1.0 / 6.0)
     return {
         "threshold": float(curve.threshold[best]),
         "aicc": float(curve.aicc[best]) / points,
@@ -92,13 +95,13 @@ def criterion_facts(curve: Curve, found: Segmentation, config: Config) -> Facts:
         "loss_at_default": float(curve.loss[curve.row(default)]),
         "small": int((count < SMALL).sum()),
         "largest": float(count.max(initial=0)) / points,
-        "half": _holding_half(count),
+        "half": _count_of_half(count),
         "size_m": _weighted_median(size, count),
     }
 
 
 def shared(curves: Iterable[Curve]) -> Facts:
-    """The threshold whose worst loss over the curves (at least one) is least."""
+    """The threshold with the lowest maximum loss over the curves (at least one), and that loss."""
     curves = list(curves)
     candidates = np.unique(np.concatenate([curve.threshold for curve in curves]))
     worst = np.array([curve.loss_at(candidates) for curve in curves]).max(axis=0)
@@ -107,7 +110,7 @@ def shared(curves: Iterable[Curve]) -> Facts:
 
 
 def shared_facts(scenes: list[Scene]) -> Facts:
-    """By criterion and kind of scene, "all" too, where there are any."""
+    """`shared` by criterion, and by kind of scene or "all", if there are such scenes."""
     groups = {kind: [s for s in scenes if s.kind == kind] for kind in KINDS} | {"all": scenes}
     return {
         name: {
@@ -119,7 +122,7 @@ def shared_facts(scenes: list[Scene]) -> Facts:
     }
 
 
-def _holding_half(count: Array) -> int:
+def _count_of_half(count: Array) -> int:
     held = np.cumsum(np.sort(count)[::-1])
     return int(np.searchsorted(held, 0.5 * held[-1]) + 1) if len(held) else 0
 

@@ -1,4 +1,4 @@
-"""The paper's findings, one by one, and whether scenes show them."""
+"""The paper's findings, and the rules by which a scene shows them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,28 +7,28 @@ from typing import Any
 Facts = dict[str, Any]
 Value = Callable[[Facts], float]  # of the facts of one criterion
 
-CLEAR = 0.02  # loss at both ends of a curve whose minimum is one
-SLIGHT = 0.05  # loss that does no harm
-LATE = 0.8  # merge completion
-PAPERS = ("shape", "density")  # its criteria
-TESSELLA = 0.05  # share of all points: the ground is in many parts
-ONE_SEGMENT = 0.2  # share of all points: there is more ground than that in every scene
+MIN_END_LOSS = 0.02  # at both ends of a curve that has a minimum
+SMALL_LOSS = 0.05  # that makes no visible difference
+LATE_COMPLETION = 0.8  # of the merging
+PAPER_CRITERIA = ("shape", "density")
+TILE_SHARE = 0.05  # of all points, at most in one segment if the ground is tessellated
+GROUND_SHARE = 0.2  # of all points; the ground of every scene has more
 
 
 @dataclass(frozen=True)
-class Claim:
-    """One finding: what the paper says, and how a scene is judged."""
+class Finding:
+    """A finding of the paper, and the rule by which a scene shows it."""
 
     text: str
     paper: str  # its numbers
-    rule: str  # when a scene shows it
-    shows: Callable[[Facts], bool]  # of the facts of a scene, by criterion
-    measured: Callable[[list[Facts]], str]  # of those of several scenes
+    rule: str
+    shows: Callable[[Facts], bool]  # given the facts of a scene, by criterion
+    measured: Callable[[list[Facts]], str]  # given those of several scenes
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What scenes of one kind make of a claim."""
+    """In how many scenes of one kind a finding holds, with the measured range."""
 
     measured: str
     shown: int
@@ -36,7 +36,7 @@ class Verdict:
 
     @property
     def holds(self) -> str:
-        """In a word, or in how many scenes."""
+        """yes, no, or the number of scenes."""
         if not self.scenes:
             return "-"
         if self.shown in (0, self.scenes):
@@ -44,15 +44,15 @@ class Verdict:
         return f"in {self.shown} of {self.scenes}"
 
 
-def judge(claim: Claim, scenes: list[Facts]) -> Verdict:
-    """Judge a claim by scenes (facts, see facts.py) of one kind."""
+def judge(finding: Finding, scenes: list[Facts]) -> Verdict:
+    """Judge a finding by scenes (see facts.py) of one kind."""
     criteria = [scene["criteria"] for scene in scenes]
-    shown = sum(claim.shows(one) for one in criteria)
-    return Verdict(claim.measured(criteria) if criteria else "-", shown, len(criteria))
+    shown = sum(finding.shows(one) for one in criteria)
+    return Verdict(finding.measured(criteria) if criteria else "-", shown, len(criteria))
 
 
 def span(scenes: list[Facts], criterion: str, value: Value, form: str) -> str:
-    """Least and greatest of a value over the scenes."""
+    """Smallest to largest value of a criterion over the scenes."""
     values = sorted(value(scene[criterion]) for scene in scenes)
     low, high = (f"{value:{form}}" for value in (values[0], values[-1]))
     return low if low == high else f"{low} to {high}"
@@ -66,58 +66,58 @@ def spans(name: str, form: str, *criteria: str) -> Callable[[list[Facts]], str]:
     )
 
 
-def _least_end(scene: Facts) -> float:
-    """The lesser loss at the ends of the thresholds, of the paper's criteria."""
+def _lower_end_loss(scene: Facts) -> float:
+    """The lower loss of the two ends of the thresholds, over the paper's criteria."""
     ends = ("loss_at_lowest", "loss_at_highest")
-    return min(float(scene[name][end]) for name in PAPERS for end in ends)
+    return min(float(scene[name][end]) for name in PAPER_CRITERIA for end in ends)
 
 
-CLAIMS = (
-    Claim(
+FINDINGS = (
+    Finding(
         "The AICc over the threshold has a minimum",
         "figure 4",
-        f"loss at both ends of the thresholds at least {CLEAR:g}, shape and density",
-        lambda scene: _least_end(scene) >= CLEAR,
-        lambda scenes: f"loss at the ends {min(map(_least_end, scenes)):.2f} or more",
+        f"loss at both ends of the thresholds at least {MIN_END_LOSS:g}, shape and density",
+        lambda scene: _lower_end_loss(scene) >= MIN_END_LOSS,
+        lambda scenes: f"loss at the ends {min(map(_lower_end_loss, scenes)):.2f} or more",
     ),
-    Claim(
-        "Minima lie at 80 % merge completion or later",
+    Finding(
+        "The minima are at 80 % merge completion or later",
         "figure 5",
         "shape and density",
-        lambda scene: all(scene[name]["completion"] >= LATE for name in PAPERS),
-        spans("completion", ".0%", *PAPERS),
+        lambda scene: all(scene[name]["completion"] >= LATE_COMPLETION for name in PAPER_CRITERIA),
+        spans("completion", ".0%", *PAPER_CRITERIA),
     ),
-    Claim(
-        "The minimum of density comes later in the merging than that of shape",
+    Finding(
+        "The minimum of density is at a later merge completion than that of shape",
         "figure 5",
         "completion at the minimum",
         lambda scene: scene["density"]["completion"] > scene["shape"]["completion"],
-        spans("completion", ".1%", *PAPERS),
+        spans("completion", ".1%", *PAPER_CRITERIA),
     ),
-    Claim(
+    Finding(
         "The minimum of density is lower than that of shape",
         "1.358e5 against 8.949e5",
         "AICc per point",
         lambda scene: scene["density"]["aicc"] < scene["shape"]["aicc"],
-        spans("aicc", ".2f", *PAPERS),
+        spans("aicc", ".2f", *PAPER_CRITERIA),
     ),
-    Claim(
+    Finding(
         "Shape leaves thousands of ellipsoids",
         "7,173 and 12,391",
         "1,000 or more",
         lambda scene: scene["shape"]["count"] >= 1000,
         spans("count", ",", "shape"),
     ),
-    Claim(
+    Finding(
         "Density leaves fewer ellipsoids than shape",
         "5,061 and 4,057",
         "number at the minimum",
         lambda scene: scene["density"]["count"] < scene["shape"]["count"],
-        spans("count", ",", *PAPERS),
+        spans("count", ",", *PAPER_CRITERIA),
     ),
-    Claim(
+    Finding(
         "Many of the ellipsoids that shape leaves are small",
-        "in words",
+        "in the text",
         "half of them or more have fewer than 12 points",
         lambda scene: 2 * scene["shape"]["small"] >= scene["shape"]["count"],
         lambda scenes: (
@@ -125,38 +125,38 @@ CLAIMS = (
             + " of them"
         ),
     ),
-    Claim(
-        "Shape finds larger structure than density",
+    Finding(
+        "Shape finds larger structures than density",
         "walls, road, ground",
         "half of the points lie in fewer segments",
         lambda scene: scene["shape"]["half"] < scene["density"]["half"],
-        spans("half", ",", *PAPERS),
+        spans("half", ",", *PAPER_CRITERIA),
     ),
-    Claim(
+    Finding(
         "Density fits more tightly than shape",
-        "in words",
-        "median over the points of their ellipsoid's mean half axis, m",
+        "in the text",
+        "median over the points of the mean semi-axis of their ellipsoid, m",
         lambda scene: scene["density"]["size_m"] < scene["shape"]["size_m"],
-        spans("size_m", ".2f", *PAPERS),
+        spans("size_m", ".2f", *PAPER_CRITERIA),
     ),
-    Claim(
+    Finding(
         "Density tessellates the ground",
         "figure 6",
         "no segment has more than a twentieth of all points",
-        lambda scene: scene["density"]["largest"] <= TESSELLA,
+        lambda scene: scene["density"]["largest"] <= TILE_SHARE,
         spans("largest", ".1%", "density"),
     ),
-    Claim(
-        "Shape makes the ground of a wood one segment",
+    Finding(
+        "Shape makes the ground of a forest one segment",
         "figure 6",
         "the largest segment has a fifth of all points or more",
-        lambda scene: scene["shape"]["largest"] >= ONE_SEGMENT,
+        lambda scene: scene["shape"]["largest"] >= GROUND_SHARE,
         spans("largest", ".1%", "shape"),
     ),
 )
 
-BEYOND = (
-    Claim(
+ADDITIONAL = (
+    Finding(
         "Parsimony has a lower AICc than shape and density",
         "",
         "AICc per point",
@@ -165,8 +165,8 @@ BEYOND = (
         ),
         spans("aicc", ".2f", "shape", "density", "parsimony"),
     ),
-    Claim(
-        "with fewer ellipsoids",
+    Finding(
+        "Parsimony leaves fewer ellipsoids than shape and density",
         "",
         "number at the minimum",
         lambda scene: (
@@ -174,11 +174,11 @@ BEYOND = (
         ),
         spans("count", ",", "shape", "density", "parsimony"),
     ),
-    Claim(
-        "The default thresholds need no tuning",
+    Finding(
+        "The default thresholds are near the minima",
         "",
-        f"loss at most {SLIGHT:g}, every criterion",
-        lambda scene: all(one["loss_at_default"] <= SLIGHT for one in scene.values()),
+        f"loss at most {SMALL_LOSS:g}, every criterion",
+        lambda scene: all(one["loss_at_default"] <= SMALL_LOSS for one in scene.values()),
         lambda scenes: (
             ", ".join(
                 f"{name} {max(scene[name]['loss_at_default'] for scene in scenes):.3f}"

@@ -1,48 +1,38 @@
-"""The claims as Markdown, which a terminal shows as well."""
+"""The page of the paper's findings and figures."""
 
 from typing import Any
 
-from ellipseg_ros.config import CRITERIA
+from ellipseg_ros.core.criteria import CRITERIA
 from studies.paper.facts import KINDS
-from studies.paper.findings import BEYOND, CLAIMS, SLIGHT, Claim, judge
-from studies.report.markdown import table
+from studies.paper.findings import ADDITIONAL, FINDINGS, SMALL_LOSS, Finding, judge
+from studies.report.page import Page, Section, Table
 
 Facts = dict[str, Any]
-PICTURES = "images/paper_"
 
-INTRODUCTION = """# What holds of the paper
-
-Written by `ellipseg paper`; every number was measured by it, in one run. To measure again, with
-recordings of yours beside the four simulated scenes:
-
-```bash
-ellipseg paper drive.mcap -o paper
-cp paper/claims.* docs && cp paper/images/* docs/images
-```
-
-The scenes of the paper are not ours. The simulated ones imitate its scanner, not its places; of
-the real ones only numbers are shown, as the recordings are not ours to publish. Each is one window
-of points. Equations and choices: [method](../explanation/method.md). AICc is given per point, and
-compares on the same points only.
+COMMAND = """
+python -m studies.paper RECORDING... -o paper
+cp paper/paper.md paper/paper.json paper/paper_*.png docs/results
 """
-CLAIMED = """## Claims
-
-A scene shows a claim by the rule in the third column. Ranges are over the scenes, each at the
-threshold of least AICc.
-"""
-BETTER = """## Beyond the paper
-
-Parsimony grows the AICc itself, the other two something that the AICc then judges.
-"""
-MINIMA = """## The minima
-
-The threshold of least AICc, what it leaves, and the loss at the node's default threshold:
-loss(τ) = (AICc(τ) − min) / (AICc of all singletons − min).
-"""
-ONE_THRESHOLD = """## One threshold for all
-
-The threshold whose worst loss over the scenes is least, and that loss.
-"""
+INTRODUCTION = (
+    "The paper's figures on other scenes, and which of its findings hold there. The simulated "
+    "scenes imitate its scanner, not its places; of recorded scenes only numbers are shown, since "
+    "the recordings may not be published here. Each scene is one window of points. Equations and "
+    "choices: [method](../explanation/method.md). The AICc is given per point, and is comparable "
+    "on the same points only."
+)
+ABOUT_FINDINGS = (
+    "A scene shows a finding by the rule in the third column. Ranges are over the scenes, each at "
+    "the threshold of lowest AICc."
+)
+ABOUT_ADDITIONAL = (
+    "Parsimony merges by the AICc itself; shape and density merge by other measures, which the "
+    "AICc then assesses."
+)
+ABOUT_SHARED = "The threshold with the lowest maximum loss over the scenes, and that loss."
+ABOUT_MINIMA = (
+    "The threshold of lowest AICc, its result, and the loss at the default threshold of the node: "
+    "loss(τ) = (AICc(τ) − min) / (AICc of all singletons − min)."
+)
 FIGURES = {
     "figure3": (
         "Figure 3: the shape spectrum",
@@ -54,72 +44,75 @@ FIGURES = {
     ),
     "figure5": (
         "Figure 5: AICc over merge completion",
-        "Dots are the minima. Curves end where the thresholds do.",
+        "Dots mark the minima. Curves end at the highest threshold.",
     ),
     "figure6_industrial": (
         "Figure 6: segmentations at the minimum, industrial",
-        "Left points, a colour a segment; right ellipsoids of 12 points or more, coloured as "
-        "figure 3. Shape, density, parsimony.",
+        "Left: points, a colour per segment; right: ellipsoids of 12 points or more, coloured as "
+        "in figure 3. From top to bottom: shape, density, parsimony.",
     ),
-    "figure6_woodland": ("The same, woodland", ""),
+    "figure6_woodland": ("Figure 6: segmentations at the minimum, woodland", ""),
     "figure7": (
         "Figure 7: AICc over the threshold, all scenes",
-        "Simulated scenes drawn through, real ones dashed. The paper shows shape.",
+        "Simulated scenes are solid, recorded ones dashed. The paper shows shape.",
     ),
 }
 
 
-def page(facts: Facts) -> str:
-    """All of docs/claims.md."""
-    return "\n".join([INTRODUCTION, *blocks(facts), *_figures(facts)])
-
-
-def blocks(facts: Facts) -> list[str]:
-    """The tables."""
+def page(facts: Facts) -> Page:
+    """Findings, thresholds and figures."""
     changed = facts["settings"]
     settings = ", ".join(f"`{name}` {value}" for name, value in changed.items())
-    return [
-        *([f"Settings that are not the defaults: {settings}.\n"] if changed else []),
-        CLAIMED,
-        _claims(facts, CLAIMS),
-        BETTER,
-        _claims(facts, BEYOND),
-        ONE_THRESHOLD,
-        _shared(facts),
-        MINIMA,
-        _minima(facts),
+    figures = [
+        Section(heading, [f"![{heading}](paper_{name}.png)", *([text] if text else [])], level=3)
+        for name, (heading, text) in FIGURES.items()
+        if name in facts["figures"]
     ]
+    return Page(
+        name="paper",
+        title="Findings of the paper",
+        introduction=[INTRODUCTION],
+        sections=[
+            Section("Findings", [ABOUT_FINDINGS, _findings(facts, FINDINGS)]),
+            Section("Beyond the paper", [ABOUT_ADDITIONAL, _findings(facts, ADDITIONAL)]),
+            Section("One threshold for all scenes", [ABOUT_SHARED, _shared(facts)]),
+            Section("Minima", [ABOUT_MINIMA, _minima(facts)]),
+            *([Section("Figures", []), *figures] if figures else []),
+        ],
+        method=[f"Settings that differ from the defaults: {settings}."] if changed else [],
+        command=COMMAND,
+    )
 
 
-def _claims(facts: Facts, claims: tuple[Claim, ...]) -> str:
+def _findings(facts: Facts, findings: tuple[Finding, ...]) -> Table:
     groups = {kind: [s for s in facts["scenes"] if s["kind"] == kind] for kind in KINDS}
     groups = {kind: scenes for kind, scenes in groups.items() if scenes}
-    in_print = any(claim.paper for claim in claims)
-    head = ["claim", *(["paper"] if in_print else []), "rule"]
+    in_paper = any(finding.paper for finding in findings)
+    head = ["finding", *(["paper"] if in_paper else []), "rule"]
     for kind, scenes in groups.items():
         head += [f"{kind} ({len(scenes)})", "holds"]
     rows = []
-    for claim in claims:
-        row = [claim.text, *([claim.paper] if in_print else []), claim.rule]
+    for finding in findings:
+        row = [finding.text, *([finding.paper] if in_paper else []), finding.rule]
         for scenes in groups.values():
-            verdict = judge(claim, scenes)
+            verdict = judge(finding, scenes)
             row += [verdict.measured, verdict.holds]
         rows.append(row)
-    return table(head, rows)
+    return Table(head, rows)
 
 
-def _shared(facts: Facts) -> str:
-    kinds = [kind for kind in (*KINDS, "all") if kind in facts["shared"][CRITERIA[0]]]
-    head = ["criterion", *(f"{kind}: τ, loss" for kind in kinds), f"holds (loss ≤ {SLIGHT:g})"]
+def _shared(facts: Facts) -> Table:
+    kinds = [kind for kind in (*KINDS, "all") if kind in facts["shared"]["shape"]]
+    head = ["criterion", *(f"{kind}: τ, loss" for kind in kinds), f"loss ≤ {SMALL_LOSS:g}"]
     rows = []
     for name in CRITERIA:
-        found = [facts["shared"][name][kind] for kind in kinds]
-        cells = [f"{one['threshold']:.3g}, {one['worst_loss']:.3f}" for one in found]
-        rows.append([name, *cells, "yes" if found[-1]["worst_loss"] <= SLIGHT else "no"])
-    return table(head, rows)
+        shared = [facts["shared"][name][kind] for kind in kinds]
+        cells = [f"{one['threshold']:.3g}, {one['worst_loss']:.3f}" for one in shared]
+        rows.append([name, *cells, "yes" if shared[-1]["worst_loss"] <= SMALL_LOSS else "no"])
+    return Table(head, rows)
 
 
-def _minima(facts: Facts) -> str:
+def _minima(facts: Facts) -> Table:
     head = ["scene", "points", "criterion", "τ", "AICc", "variance", "bias", "ellipsoids"]
     head += ["completion", "default τ", "loss there"]
     rows = []
@@ -129,14 +122,4 @@ def _minima(facts: Facts) -> str:
             row += [f"{one[key]:.2f}" for key in ("aicc", "variance", "bias")]
             row += [f"{one['count']:,}", f"{one['completion']:.1%}", f"{one['default']:g}"]
             rows.append([*row, f"{one['loss_at_default']:.4f}"])
-    return table(head, rows)
-
-
-def _figures(facts: Facts) -> list[str]:
-    parts = ["## Figures\n"]
-    for name in facts["figures"]:
-        heading, text = FIGURES[name]
-        parts.append(f"### {heading}\n\n![{heading}]({PICTURES}{name}.png)\n")
-        if text:
-            parts.append(f"{text}\n")
-    return parts
+    return Table(head, rows)

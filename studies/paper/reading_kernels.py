@@ -1,4 +1,4 @@
-"""The criteria of readings.py: a plain Kruskal that knows all of them."""
+"""The criteria of readings.py in a plain Kruskal."""
 
 import math
 
@@ -6,25 +6,16 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.criteria import (
-    PARAMETERS,
-    bias,
+    MODEL_PARAMETERS,
+    aicc_bias,
     density_distance,
     segment_aicc,
     shape_distance,
+    squared_sine,
 )
 from ellipseg_ros.core.disjoint_set import find
-from ellipseg_ros.core.ellipsoids import (
-    COUNT,
-    CYLINDRICALITY,
-    EIGENVALUES,
-    MEAN,
-    PLANARITY,
-    V1,
-    V2,
-    V3,
-    unite,
-)
 from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.moments import unite
 
 NOISE = Config().model.noise_variance
 SHAPE, E3, SHARES, NO_RATIOS, ROOT_N = range(5)
@@ -32,51 +23,51 @@ DENSITY, FLOORED, ADDED_MASS, PARSIMONY, AIC, CAPPED = range(5, 11)
 
 
 @kernel
-def walk(nodes, masses, left, right, criterion, floor, threshold, passes):
-    """Kruskal's algorithm in place; returns the root of every point. The last row is scratch."""
-    above = np.arange(len(nodes))
-    scratch = len(nodes) - 1
+def kruskal(moments, masses, left, right, criterion, floor, threshold, passes):
+    """Merge in place by Kruskal's algorithm; returns the root of every point.
+
+    The last row of `moments` is scratch.
+    """
+    parent = np.arange(len(moments))
+    scratch = len(moments) - 1
     for _ in range(passes):
         for edge in range(len(left)):
-            a, b = find(above, left[edge]), find(above, right[edge])
+            a, b = find(parent, left[edge]), find(parent, right[edge])
             if a == b:
                 continue
             if criterion < DENSITY:
-                if shape_reading(nodes, a, b, floor, criterion) > threshold:
+                if shape_reading(moments, a, b, floor, criterion) > threshold:
                     continue
-                unite(nodes, a, b, scratch)
+                unite(moments, a, b, scratch)
             else:
-                unite(nodes, a, b, scratch)
+                unite(moments, a, b, scratch)
                 mass = masses[a] + masses[b]
-                if union_reading(nodes, a, b, scratch, mass, criterion) > threshold:
+                if union_reading(moments, a, b, scratch, mass, criterion) > threshold:
                     continue
-            nodes[a] = nodes[scratch]
+            moments[a] = moments[scratch]
             masses[a] += masses[b]
-            above[b] = a
-    return np.array([find(above, point) for point in range(scratch)])
+            parent[b] = a
+    return np.array([find(parent, point) for point in range(scratch)])
 
 
 @kernel
-def shape_reading(nodes, a, b, floor, criterion):
-    """Equation 7 and its variants."""
+def shape_reading(moments, row_a, row_b, floor, criterion):
+    """Equation 7, or a variant of it."""
     if criterion == SHAPE:
-        return shape_distance(nodes, a, b, floor, math.inf)
-    n = nodes[a, COUNT] + nodes[b, COUNT]
+        return shape_distance(moments, row_a, row_b, floor, math.inf)
+    n = moments[row_a].count + moments[row_b].count
     if criterion == ROOT_N:
-        return shape_distance(nodes, a, b, floor, math.inf) / math.sqrt(n)
-    fa, fb = nodes[a, COUNT] / n, nodes[b, COUNT] / n
+        return shape_distance(moments, row_a, row_b, floor, math.inf) / math.sqrt(n)
+    fa, fb = moments[row_a].count / n, moments[row_b].count / n
     total, ratio3, ratio2, planar, cylindrical = 0.0, 0.0, 0.0, 0.0, 0.0
-    for one, f in ((a, fa), (b, fb)):
-        e3 = max(nodes[one, EIGENVALUES], floor)
-        e2 = max(nodes[one, EIGENVALUES + 1], floor)
-        e1 = max(nodes[one, EIGENVALUES + 2], floor)
-        p, c = nodes[one, PLANARITY], nodes[one, CYLINDRICALITY]
+    for row, f in ((row_a, fa), (row_b, fb)):
+        m = moments[row]
+        e1, e2, e3 = max(m.e1, floor), max(m.e2, floor), max(m.e3, floor)
+        p, c = m.planarity, m.cylindricality
         s = max(0.0, 1.0 - p - c)
-        g3, g2, g1 = (
-            gap(nodes, a, b, one, V3),
-            gap(nodes, a, b, one, V2),
-            gap(nodes, a, b, one, V1),
-        )
+        g1 = squared_gap(moments, row_a, row_b, m.v1_x, m.v1_y, m.v1_z)
+        g2 = squared_gap(moments, row_a, row_b, m.v2_x, m.v2_y, m.v2_z)
+        g3 = squared_gap(moments, row_a, row_b, m.v3_x, m.v3_y, m.v3_z)
         if criterion == SHARES:
             total += f * (p * g3 / e3 + c * (g2 / e2 + g3 / e3) + s * (g1 + g2 + g3) / e1)
         else:
@@ -87,59 +78,54 @@ def shape_reading(nodes, a, b, floor, criterion):
         ratio2 += e2 / e1
     if criterion == NO_RATIOS:
         ratio3 = ratio2 = 1.0
-    total += planar * tilt(nodes, a, b, V3) / ratio3
-    return total + cylindrical * tilt(nodes, a, b, V1) / ratio2
+    a, b = moments[row_a], moments[row_b]
+    tilt3 = squared_sine(a.v3_x, a.v3_y, a.v3_z, b.v3_x, b.v3_y, b.v3_z)
+    tilt1 = squared_sine(a.v1_x, a.v1_y, a.v1_z, b.v1_x, b.v1_y, b.v1_z)
+    return total + planar * tilt3 / ratio3 + cylindrical * tilt1 / ratio2
 
 
 @kernel
-def gap(nodes, a, b, one, axis):
-    """Squared gap of the centroids along an axis of one of the two."""
-    along = 0.0
-    for k in range(3):
-        along += nodes[one, axis + k] * (nodes[b, MEAN + k] - nodes[a, MEAN + k])
+def squared_gap(moments, a, b, x, y, z):
+    """Squared gap of the centroids along an axis (x, y, z)."""
+    along = x * (moments[b].mean_x - moments[a].mean_x)
+    along += y * (moments[b].mean_y - moments[a].mean_y)
+    along += z * (moments[b].mean_z - moments[a].mean_z)
     return along * along
 
 
 @kernel
-def tilt(nodes, a, b, axis):
-    """Squared sine of the angle between two axes."""
-    cosine = 0.0
-    for k in range(3):
-        cosine += nodes[a, axis + k] * nodes[b, axis + k]
-    return max(0.0, 1.0 - cosine * cosine)
-
-
-@kernel
-def union_reading(nodes, a, b, union, mass, criterion):
-    """Density (eq. 6), parsimony, and their variants."""
+def union_reading(moments, a, b, union, mass, criterion):
+    """Density (eq. 6), parsimony, or a variant of one."""
     if criterion == DENSITY:
-        return density_distance(nodes, union, mass)
+        return density_distance(moments, union, mass)
     if criterion == ADDED_MASS:
-        return density_distance(nodes, union, mass) / nodes[union, COUNT]
+        return density_distance(moments, union, mass) / moments[union].count
     if criterion == FLOORED:
-        volume = 4.0 / 3.0 * math.pi
-        for k in range(3):
-            volume *= math.sqrt(max(nodes[union, EIGENVALUES + k], NOISE))
-        return volume * nodes[union, COUNT] / mass if mass > 0.0 else math.inf
-    return cost(nodes, union, criterion) - cost(nodes, a, criterion) - cost(nodes, b, criterion)
+        m = moments[union]
+        product = max(m.e1, NOISE) * max(m.e2, NOISE) * max(m.e3, NOISE)
+        volume = 4.0 / 3.0 * math.pi * math.sqrt(product)
+        return volume * m.count / mass if mass > 0.0 else math.inf
+    return (
+        cost(moments, union, criterion) - cost(moments, a, criterion) - cost(moments, b, criterion)
+    )
 
 
 @kernel
-def cost(nodes, i, criterion):
-    """AICc of a segment, or with another bias term."""
-    whole = segment_aicc(nodes, i, NOISE)
-    n = nodes[i, COUNT]
+def cost(moments, i, criterion):
+    """AICc of a segment, perhaps with another bias term."""
+    whole = segment_aicc(moments, i, NOISE)
+    n = moments[i].count
     if criterion == AIC:
-        return whole - bias(n) + 2.0 * PARAMETERS
+        return whole - aicc_bias(n) + 2.0 * MODEL_PARAMETERS
     if criterion == CAPPED:
-        return whole - bias(n) + min(bias(n), bias(12.0))
+        return whole - aicc_bias(n) + min(aicc_bias(n), aicc_bias(12.0))
     return whole
 
 
 @kernel
-def total_aicc(nodes, rows):
-    """Sum over the segments."""
+def total_aicc(moments, rows):
+    """AICc of all segments."""
     total = 0.0
     for row in rows:
-        total += segment_aicc(nodes, row, NOISE)
+        total += segment_aicc(moments, row, NOISE)
     return total

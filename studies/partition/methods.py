@@ -7,13 +7,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ellipseg_ros.config import (
-    CRITERIA,
-    DEFAULT_THRESHOLDS,
-    Config,
-    LandmarksConfig,
-    ObjectsConfig,
-)
+from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.records import Array, Segmentation, Sweep
 
@@ -77,7 +72,7 @@ def ellipsoids(criterion: str) -> Method:
     return Method(
         name=f"ellipsoids, {criterion}",
         prepare=partial(prepare_ellipsoids, criterion),
-        grid=({"threshold": DEFAULT_THRESHOLDS[criterion]},),
+        grid=({"threshold": CRITERIA[criterion].default_threshold},),
         parameter=THRESHOLDS[criterion],
     )
 
@@ -107,7 +102,7 @@ def prepare_objects(points: Array) -> Run:
 OBJECTS = Method(
     name="objects",
     prepare=prepare_objects,
-    grid=({"threshold": DEFAULT_THRESHOLDS["shape"]}, {"threshold": FINE_THRESHOLD}),
+    grid=({"threshold": CRITERIA["shape"].default_threshold}, {"threshold": FINE_THRESHOLD}),
     parameter=None,
 )
 OURS = (*map(ellipsoids, CRITERIA), OBJECTS)

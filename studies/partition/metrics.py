@@ -1,7 +1,7 @@
-"""How good a partition is: labels against truth.
+"""Scores of a partition against true classes and instances.
 
-Points that the truth says nothing about take no part: truth 0, as in the labelled scans and in
-simulated scenes. Every point must have a segment.
+Points of unknown class (0, in labelled scans and in simulated scenes) are ignored. Every point
+must have a segment.
 """
 
 from dataclasses import dataclass
@@ -12,57 +12,57 @@ from ellipseg_ros.core.contingency import contingency
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import Array
 
-UNKNOWN = 0  # in the truth: class not known; of instances: no thing, but ground
+UNKNOWN = 0  # class; as an instance: ground
 TOLERANCE = 1  # edges by which a boundary may be off
-LEAST = 12  # points of an instance, or of a segment, that counts as an object
-MATCH = 0.5  # intersection over union beyond which two can match one another only
+MIN_POINTS = 12  # of an instance or a segment that can be matched
+MIN_IOU = 0.5  # intersection over union above which a match is unique
 
 
 @dataclass(frozen=True)
 class PartitionScores:
-    """How well segments keep apart what has different classes."""
+    """Agreement of segments with classes."""
 
     purity: float
     mean_iou: float
     iou: dict[int, float]  # by class
-    boundary_recall: float  # NaN if there is no boundary in the truth
-    boundary_precision: float  # NaN if there is none between segments
+    boundary_recall: float  # NaN if there is no boundary between classes
+    boundary_precision: float  # NaN if there is no boundary between segments
     under_segmentation: float
 
 
 @dataclass(frozen=True)
 class InstanceScores:
-    """How well segments are the things that there are."""
+    """Agreement of segments with instances."""
 
     ari: float
-    precision: float  # NaN if no segment is an object
+    precision: float  # NaN if no segment counts
     recall: float  # NaN if there is no instance
-    quality: float  # panoptic
+    quality: float  # panoptic quality
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """How many points two labellings share: row i is a pair that shares any, sorted."""
+    """Contingency table of two labellings; row i: a pair of labels with common points, sorted."""
 
     ours: Array  # (p,) int64, numbers from 0
     truth: Array  # (p,) int64
     count: Array  # (p,) int64
-    our_values: Array  # (s,): what was labelled 0, 1, ...; ascending
+    our_values: Array  # (s,): the labels numbered 0, 1, ...; ascending
     true_values: Array  # (t,)
 
     @property
     def our_sizes(self) -> Array:
-        """(s,) int64 points."""
+        """(s,) int64: points of each of our labels."""
         return _sums(self.ours, self.count, len(self.our_values))
 
     @property
     def true_sizes(self) -> Array:
-        """(t,) int64 points."""
+        """(t,) int64: points of each true label."""
         return _sums(self.truth, self.count, len(self.true_values))
 
 
 def overlaps(labels: Array, truth: Array) -> Overlaps:
-    """Count the points of every pair of labels that occurs. Both (n,) integers."""
+    """Count the common points of all pairs of labels; both (n,) integers."""
     if len(labels) != len(truth):
         raise InputError(f"there are {len(labels)} labels for {len(truth)} points", "shape")
     our_values, ours = np.unique(labels, return_inverse=True)
@@ -76,8 +76,8 @@ def overlaps(labels: Array, truth: Array) -> Overlaps:
 def score_partition(labels: Array, classes: Array, edges: Array) -> PartitionScores:
     """Score segments by the classes of their points.
 
-    labels, classes: (n,) integers; class 0 is not known. edges: (m, 2) pairs of neighbours, of
-    which those that end in an unknown point are left out. InputError if no class is known.
+    labels, classes: (n,) integers; class 0 is unknown. edges: (m, 2) pairs of neighbours; those
+    with a point of unknown class are ignored. InputError if no class is known.
     """
     known = classes != UNKNOWN
     if not known.any():
@@ -96,7 +96,7 @@ def score_partition(labels: Array, classes: Array, edges: Array) -> PartitionSco
 
 
 def purity(shared: Overlaps) -> float:
-    """Share of points that have the commonest class of their segment.
+    """Share of points with the most frequent class of their segment.
 
     Also achievable segmentation accuracy (Liu et al. 2011, entropy rate superpixels), or oracle
     overall accuracy (Landrieu and Boussaha 2019).
@@ -105,114 +105,114 @@ def purity(shared: Overlaps) -> float:
 
 
 def class_ious(shared: Overlaps) -> dict[int, float]:
-    """Intersection over union of every class of the truth, segments voting by majority.
+    """Intersection over union of every true class; a segment predicts its most frequent class.
 
-    Ties: the lower class. A class that no segment votes for has 0. Everingham et al. (2015), The
+    Ties: the lower class. A class that no segment predicts has 0. Everingham et al. (2015), The
     PASCAL visual object classes challenge: the score of its segmentation task.
     """
-    vote = majorities(shared)
-    right = shared.truth == vote[shared.ours]
+    predicted = majorities(shared)
+    right = shared.truth == predicted[shared.ours]
     width = len(shared.true_values)
-    hit = _sums(shared.truth[right], shared.count[right], width)
-    said = _sums(vote, shared.our_sizes, width)
-    iou = hit / (shared.true_sizes + said - hit)
+    common = _sums(shared.truth[right], shared.count[right], width)
+    union = shared.true_sizes + _sums(predicted, shared.our_sizes, width) - common
+    iou = common / union
     return dict(zip(shared.true_values.tolist(), iou.tolist(), strict=True))
 
 
 def majorities(shared: Overlaps) -> Array:
-    """(s,) row of `true_values` that is commonest in every segment; ties: the lower one."""
-    most = shared.count == _largest(shared)[shared.ours]
-    vote = np.full(len(shared.our_values), len(shared.true_values))
-    np.minimum.at(vote, shared.ours[most], shared.truth[most])
-    return vote
+    """(s,) row of `true_values` that is most frequent in every segment; ties: the lower one."""
+    largest = shared.count == _largest(shared)[shared.ours]
+    majority = np.full(len(shared.our_values), len(shared.true_values))
+    np.minimum.at(majority, shared.ours[largest], shared.truth[largest])
+    return majority
 
 
 def under_segmentation(shared: Overlaps) -> float:
-    """Points by which segments leak over the classes, as a share: 0 is best.
+    """Share of points by which segments leak over class boundaries; 0 is best.
 
-    Of every segment that touches a class, the smaller of its two parts, inside and outside:
+    For every segment and class in it, the smaller of the two parts inside and outside the class:
     Neubert and Protzel (2012), Superpixel benchmark and comparison, the corrected error.
     """
     outside = shared.our_sizes[shared.ours] - shared.count
     return float(np.minimum(shared.count, outside).sum() / shared.count.sum())
 
 
-def boundary_recall(found: Array, wanted: Array, edges: Array) -> float:
-    """Share of the edges between different `wanted` that are, nearly, between different `found`.
+def boundary_recall(predicted: Array, reference: Array, edges: Array) -> float:
+    """Share of the boundary edges of `reference` that are boundary edges of `predicted`.
 
-    Nearly: an edge counts too if it shares a point with one that is. With the two arguments
-    exchanged, it is the precision. (n,) labels, edges (m, 2); NaN if no edge is wanted.
+    An edge that shares a point with a predicted boundary edge counts, too. With the arguments
+    exchanged, it is the precision. (n,) labels, edges (m, 2); NaN without boundary edges.
     Landrieu and Boussaha (2019), Point cloud oversegmentation with graph-structured deep metric
     learning, with their tolerance of one edge.
     """
-    crossing = wanted[edges[:, 0]] != wanted[edges[:, 1]]
+    crossing = reference[edges[:, 0]] != reference[edges[:, 1]]
     if not crossing.any():
         return float("nan")
-    near = found[edges[:, 0]] != found[edges[:, 1]]
+    near = predicted[edges[:, 0]] != predicted[edges[:, 1]]
     for _ in range(TOLERANCE):
-        touched = np.zeros(len(found), dtype=bool)
+        touched = np.zeros(len(predicted), dtype=bool)
         touched[edges[near]] = True
         near = touched[edges].any(axis=1)
     return float(near[crossing].mean())
 
 
 def score_instances(labels: Array, instances: Array, known: Array) -> InstanceScores:
-    """Score segments by the things that their points belong to.
+    """Score segments by the instances of their points.
 
-    labels, instances: (n,) integers; instance 0 is no thing, but ground. known: (n,) bool, False
-    where the truth says nothing.
+    labels, instances: (n,) integers; instance 0 is ground. known: (n,) bool, False for points of
+    unknown class.
     """
-    things = known & (instances != UNKNOWN)
+    objects = known & (instances != UNKNOWN)
     return instance_scores(
-        overlaps(labels[known], instances[known]), overlaps(labels[things], instances[things])
+        overlaps(labels[known], instances[known]), overlaps(labels[objects], instances[objects])
     )
 
 
-def instance_scores(known: Overlaps, things: Overlaps) -> InstanceScores:
-    """Score segments by overlaps with instances: of all known points, and of those of things."""
-    tally = match_objects(known)
-    matched, spare, missed = len(tally.ious), tally.spare, tally.missed
-    weight = matched + 0.5 * spare + 0.5 * missed
+def instance_scores(known: Overlaps, objects: Overlaps) -> InstanceScores:
+    """Scores from overlaps with instances, over all known points and over those of no ground."""
+    matches = match_objects(known)
+    matched, unmatched, missed = len(matches.ious), matches.unmatched, matches.missed
+    weight = matched + 0.5 * unmatched + 0.5 * missed
     return InstanceScores(
-        ari=adjusted_rand_index(things),
-        precision=_share(matched, matched + spare),
+        ari=adjusted_rand_index(objects),
+        precision=_share(matched, matched + unmatched),
         recall=_share(matched, matched + missed),
-        quality=_share(float(tally.ious.sum()), weight),
+        quality=_share(float(matches.ious.sum()), weight),
     )
 
 
 @dataclass(frozen=True)
 class Matches:
-    """Which segments are things."""
+    """Matches of segments and instances."""
 
     ious: Array  # (k,) of the matched pairs
-    spare: int  # segments that are objects and match nothing
-    missed: int  # things that nothing matches
+    unmatched: int  # segments that count and match no instance
+    missed: int  # instances that no segment matches
 
 
 def match_objects(shared: Overlaps) -> Matches:
-    """Match segments with the instances of which they hold more than half, and hardly more.
+    """Match segments with instances.
 
-    Pairs match if their intersection over union is above 0.5, which no two segments can have with
-    one instance. Instances of fewer than 12 points are void. A segment is an object if it has 12
-    points or more and more than half of them are of instances that count. Kirillov et al. (2019),
-    Panoptic segmentation, segment matching and panoptic quality.
+    A pair matches if its intersection over union is above 0.5, which at most one segment can have
+    with an instance. Instances of fewer than 12 points are ignored. A segment counts if it has 12
+    points or more, and more than half of them are of instances that are not ignored.
+    Kirillov et al. (2019), Panoptic segmentation, segment matching and panoptic quality.
     """
     ours, theirs = shared.our_sizes, shared.true_sizes
-    counts = (shared.true_values != UNKNOWN) & (theirs >= LEAST)
+    counts = (shared.true_values != UNKNOWN) & (theirs >= MIN_POINTS)
     iou = shared.count / (ours[shared.ours] + theirs[shared.truth] - shared.count)
-    pairs = counts[shared.truth] & (iou > MATCH)
+    pairs = counts[shared.truth] & (iou > MIN_IOU)
     inside = _sums(shared.ours, shared.count * counts[shared.truth], len(ours))
-    objects = (ours >= LEAST) & (2 * inside > ours)
+    objects = (ours >= MIN_POINTS) & (2 * inside > ours)
     objects[shared.ours[pairs]] = False
     return Matches(iou[pairs], int(objects.sum()), int(counts.sum() - pairs.sum()))
 
 
 def adjusted_rand_index(shared: Overlaps) -> float:
-    """Agreement of two partitions on pairs of points: 1 if they are one, near 0 by chance.
+    """Agreement of two partitions on pairs of points: 1 if identical, about 0 by chance.
 
-    Hubert and Arabie (1985), Comparing partitions. NaN without points; 1 if both are
-    trivial in the same way.
+    Hubert and Arabie (1985), Comparing partitions. NaN without points; 1 if both are one segment
+    or both are singletons.
     """
     total = _pairs(shared.count.sum())
     if not shared.count.size:
@@ -220,25 +220,25 @@ def adjusted_rand_index(shared: Overlaps) -> float:
     both = _pairs(shared.count).sum()
     ours, theirs = _pairs(shared.our_sizes).sum(), _pairs(shared.true_sizes).sum()
     chance = ours * theirs / total if total else 0.0
-    most = 0.5 * (ours + theirs)
-    return 1.0 if most == chance else float((both - chance) / (most - chance))
+    highest = 0.5 * (ours + theirs)
+    return 1.0 if highest == chance else float((both - chance) / (highest - chance))
 
 
 def _pairs(counts: Array) -> Array:
-    """Pairs within groups of so many; float64, since 10^6 points make 5 * 10^11."""
-    many = np.asarray(counts, dtype=np.float64)
-    return np.asarray(many * (many - 1.0) / 2.0)
+    """Numbers of pairs within groups; float64, since 10^6 points have 5 * 10^11."""
+    sizes = np.asarray(counts, dtype=np.float64)
+    return np.asarray(sizes * (sizes - 1.0) / 2.0)
 
 
 def _largest(shared: Overlaps) -> Array:
-    """(s,) points of the commonest class of every segment."""
-    most = np.zeros(len(shared.our_values), np.int64)
-    np.maximum.at(most, shared.ours, shared.count)
-    return most
+    """(s,) points of the most frequent class of every segment."""
+    largest = np.zeros(len(shared.our_values), np.int64)
+    np.maximum.at(largest, shared.ours, shared.count)
+    return largest
 
 
 def _sums(group: Array, count: Array, length: int) -> Array:
-    """(length,) int64: the counts of every group, added up; bincount would make them floats."""
+    """(length,) int64: sum of the counts of every group; bincount would return floats."""
     total = np.zeros(length, np.int64)
     np.add.at(total, group, count)
     return total

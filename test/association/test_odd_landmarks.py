@@ -17,7 +17,7 @@ from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.segment_mirror import SegmentMirror
 from ellipseg_ros.records import SECOND, Kind
 from studies.endurance import odd_landmarks
-from studies.endurance.odd_landmarks import recognize, reflect
+from studies.endurance.odd_landmarks import associate_odd_landmarks, mirror_odd_segments
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def good():
 
 @pytest.mark.parametrize("seed", [1, 2])  # the first world of 2 is vast
 def test_odd_landmarks_are_associated_or_refused_in_a_short_line(seed):
-    tally = recognize(seed, 60)
+    tally = associate_odd_landmarks(seed, 60)
     assert not tally.faults
     assert tally.updates > 15 and len(tally.rejected) >= 3
 
@@ -50,7 +50,7 @@ def test_far_and_vague_landmarks_are_associated():
 
 
 def test_a_mirror_in_step_holds_all_points():
-    tally = reflect(1, 500)
+    tally = mirror_odd_segments(1, 500)
     assert not tally.faults
     assert 20 < tally.updates < tally.cases
 
@@ -61,7 +61,7 @@ def test_what_the_association_should_not_say_is_a_fault(monkeypatch):
         return replace(found, covariance=found.covariance * np.nan)
 
     monkeypatch.setattr(odd_landmarks, "associate", wrong)
-    assert "covariance of the association" in recognize(0, 10).faults[0]
+    assert "covariance of the association" in associate_odd_landmarks(0, 10).faults[0]
 
 
 def altered(column, value, place):
@@ -90,7 +90,7 @@ def test_numbers_that_are_no_measurement_are_refused(good, name, value, place, w
 
 
 def test_too_many_landmarks_are_refused_before_they_are_read(monkeypatch):
-    monkeypatch.setattr(landmark_messages, "MAX_LANDMARKS", 10)
+    monkeypatch.setattr(landmark_messages, "MOST", 10)
     with pytest.raises(InputError) as error:
         read_landmarks(SimpleNamespace(landmarks=[None] * 11))
     assert error.value.reason == "many"

@@ -201,7 +201,7 @@ def test_finished_windows_are_not_run_again(tune, drive, monkeypatch):
     monkeypatch.setattr(parallel, "processes", lambda count: here(ran))
     again = tune(drive, *QUICK, "-o", "out")
     assert again.code == 0 and len(ran) == 2
-    assert "1 windows were finished before" in again.out
+    assert "1 windows were reused from an earlier run" in again.out
     assert numbers("out") == before
     assert tune(drive, *QUICK, "-q", "-o", "out", "--threshold", "5").code == 0
     assert len(ran) == 5  # another question

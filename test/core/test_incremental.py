@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import assert_batch, wild_stream
 
-from ellipseg_ros.config import CRITERIA, Config, GraphConfig, ModelConfig
+from ellipseg_ros.config import Config, GraphConfig, ModelConfig
 from ellipseg_ros.core import jit
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.node.grouping import Grouping, updates
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.segmenter import Segmenter

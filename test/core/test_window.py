@@ -204,4 +204,4 @@ def test_rows_are_given_back_after_a_burst():
     segmenter.process(Sweep(0, street(60_000, rng)))
     for second in range(1, 4):
         segmenter.process(Sweep(second * 2 * SECOND, street(100, rng)))
-    assert len(segmenter._neighbours.status) < 10_000
+    assert len(segmenter._graph.state) < 10_000

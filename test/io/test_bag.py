@@ -2,15 +2,17 @@ import os
 import shutil
 from pathlib import Path
 
-import made
 import numpy as np
 import pytest
+import random_records
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import (
+    CLOUD,
+    TYPES,
     BagSink,
     BagSweeps,
     msg_folder,
@@ -18,7 +20,6 @@ from ellipseg_ros.io.bag import (
     read_messages,
 )
 from ellipseg_ros.io.pointcloud2 import labelled_fields, write_sweep
-from ellipseg_ros.io.topics import BAG_TOPICS, CLOUD
 from ellipseg_ros.records import Sweep
 
 START_NS = 1_700_000_000 * 10**9
@@ -189,7 +190,9 @@ def test_folders_that_are_no_bags_are_refused(tmp_path):
 
 
 def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
-    found = [made.segmentation(sequence=k, end_ns=START_NS + k * 10**9) for k in range(2)]
+    found = [
+        random_records.segmentation(sequence=k, end_ns=START_NS + k * 10**9) for k in range(2)
+    ]
     with BagSink(tmp_path / "out") as sink:
         for sweep in sweeps():
             sink.write_points(sweep)
@@ -201,9 +204,7 @@ def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
     for window, update in zip(windows, found, strict=True):
         np.testing.assert_array_equal(window.fields, labelled_fields(update))
     with Reader(tmp_path / "out") as reader:
-        assert {c.topic: c.msgtype for c in reader.connections} == {
-            name: topic.type for name, topic in BAG_TOPICS.items()
-        }
+        assert {c.topic: c.msgtype for c in reader.connections} == TYPES
         assert {c.topic: c.msgcount for c in reader.connections} == {
             "/points": 3,
             "/segmented_points": 2,
@@ -224,7 +225,7 @@ def test_a_bag_is_whole_after_every_update(tmp_path):
     with BagSink(whole) as sink:
         assert refused(lambda: BagSweeps(whole), "no_topic")
         for k in range(20):
-            sink.write_update(made.segmentation(sequence=k, end_ns=START_NS + k * 10**9))
+            sink.write_update(random_records.segmentation(sequence=k, end_ns=START_NS + k * 10**9))
             seen = shutil.copytree(whole, tmp_path / f"seen_{k}")  # as a kill would leave it
             assert [m.sequence for _, m in read_messages(seen, "/segments")] == list(range(k + 1))
             assert len(list(BagSweeps(seen, "/segmented_points"))) == k + 1

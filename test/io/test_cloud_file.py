@@ -1,7 +1,7 @@
 import laspy
-import made
 import numpy as np
 import pytest
+import random_records
 from pypcd4 import Encoding, PointCloud
 
 from ellipseg_ros.errors import InputError
@@ -231,8 +231,7 @@ def is_labelled_drive(path):
 
 
 def message_reader():
-    from ellipseg_ros.io.bag import node_types
-    from ellipseg_ros.io.topics import CLOUD
+    from ellipseg_ros.io.bag import CLOUD, node_types
 
     return lambda raw: node_types().deserialize_cdr(raw, CLOUD)
 
@@ -249,9 +248,9 @@ def good_file(path):
         las.x, las.y, las.z = points().T - UTM[:, None]
         las.write(str(path))
     elif path.suffix == ".ply":
-        ply.write(path, made.segmentation())
+        ply.write(path, random_records.segmentation())
     else:
-        npz.write(path, made.segmentation())
+        npz.write(path, random_records.segmentation())
     return path.read_bytes()
 
 
@@ -293,7 +292,7 @@ def test_other_kinds_are_refused_with_a_list_of_those_there_are(tmp_path):
 
 
 def found_with(table):
-    return made.segmentation(len(table), 5, fields=table)
+    return random_records.segmentation(len(table), 5, fields=table)
 
 
 def test_a_written_npz_holds_everything_and_reads_back_as_a_drive(tmp_path):
@@ -334,9 +333,9 @@ def test_a_written_ply_holds_every_point_field_label_and_colour(tmp_path):
 @pytest.mark.parametrize("write", [npz.write, ply.write])
 def test_a_failed_write_leaves_nothing_behind_and_what_was_there(tmp_path, write):
     with pytest.raises(InputError) as error:
-        write(tmp_path / "no folder" / "out.npz", made.segmentation())
+        write(tmp_path / "no folder" / "out.npz", random_records.segmentation())
     assert error.value.reason == "write" and len(str(error.value).splitlines()) == 1
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError):
-        write(tmp_path / "out", made.segmentation())
+        write(tmp_path / "out", random_records.segmentation())
     assert [p.name for p in tmp_path.iterdir()] == ["out"]

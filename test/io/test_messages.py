@@ -1,18 +1,17 @@
 from dataclasses import replace
 from itertools import pairwise
 
-import made
 import numpy as np
 import pytest
+import random_records
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.io import topics
-from ellipseg_ros.io.bag import node_types
+from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.colours import id_colours
-from ellipseg_ros.io.messages import MarkerStream, quaternions, write_landmarks, write_segments
+from ellipseg_ros.io.messages import Markers, quaternions, write_landmarks, write_segments
 from ellipseg_ros.records import Kind, Ragged, State
 
 SECOND = 10**9
@@ -80,8 +79,8 @@ def plain_object(found, row):
         count=int(objects.count[row]),
         mean=vector("Point", objects.mean[row]),
         covariance=objects.covariance[row].ravel(),
-        box_min=vector("Point", objects.box_min[row]),
-        box_max=vector("Point", objects.box_max[row]),
+        low=vector("Point", objects.box_min[row]),
+        high=vector("Point", objects.box_max[row]),
         planarity=float(objects.planarity[row]),
         cylindricality=float(objects.cylindricality[row]),
         sphericity=float(objects.sphericity[row]),
@@ -127,8 +126,8 @@ def plain_landmark(found, row):
         position=vector("Point", marks.position[row]),
         orientation=rotation(marks.axes[row]),
         sigma=marks.sigma[row].copy(),
-        box_min=vector("Vector3", marks.box_min[row]),
-        box_max=vector("Vector3", marks.box_max[row]),
+        low=vector("Vector3", marks.box_min[row]),
+        high=vector("Vector3", marks.box_max[row]),
         covariance=marks.covariance[row].ravel(),
         stability=float(marks.stability[row]),
         first_seen=time(int(marks.first_seen_ns[row])),
@@ -204,8 +203,8 @@ def plain_markers(found, rows, dead=(), clear=False):
 )
 @settings(max_examples=100, deadline=None)
 def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id, criterion):
-    found = made.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
-    expected = STORE.serialize_cdr(plain_segments(found), topics.SEGMENTS.type)
+    found = random_records.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
+    expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
     assert write_segments(found) == bytes(expected)
 
 
@@ -216,8 +215,8 @@ def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id
 )
 @settings(max_examples=50, deadline=None)
 def test_the_bytes_of_landmarks_are_those_of_the_record(segments, seed, frame_id):
-    found = made.segmentation(90, segments, seed, frame_id=frame_id)
-    expected = STORE.serialize_cdr(plain_landmarks(found), topics.LANDMARKS.type)
+    found = random_records.segmentation(90, segments, seed, frame_id=frame_id)
+    expected = STORE.serialize_cdr(plain_landmarks(found), TYPES["/landmarks"])
     assert write_landmarks(found, found.landmarks) == bytes(expected)
 
 
@@ -225,21 +224,21 @@ def test_landmarks_are_read_by_ros_itself():
     serialization = pytest.importorskip("rclpy.serialization")
     from ellipseg_ros.msg import Landmark, LandmarkArray
 
-    found = made.segmentation(90, 7)
+    found = random_records.segmentation(90, 7)
     data = write_landmarks(found, found.landmarks)
     read = serialization.deserialize_message(data, LandmarkArray)
     assert [mark.id for mark in read.landmarks] == list(found.landmarks.ids)
     assert np.array_equal(
         read.landmarks[2].covariance.reshape(6, 6), found.landmarks.covariance[2]
     )
-    assert read.landmarks[-1].box_max.z == found.landmarks.box_max[-1, 2]
+    assert read.landmarks[-1].high.z == found.landmarks.box_max[-1, 2]
     assert list(read.removed) == list(found.landmarks.removed)
     assert (Landmark.PLANE, Landmark.LINE, Landmark.BLOB) == tuple(Kind)
 
 
 def test_without_objects_there_are_none_in_the_message():
-    found = made.segmentation(30, 5, objects=None)
-    expected = STORE.serialize_cdr(plain_segments(found), topics.SEGMENTS.type)
+    found = random_records.segmentation(30, 5, objects=None)
+    expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
     assert write_segments(found) == bytes(expected)
 
 
@@ -247,8 +246,10 @@ def test_every_number_of_parents_fits():
     lengths = np.array([0, 5, 0, 0, 1, 2, 3, 0])
     values = np.arange(lengths.sum(), dtype=np.uint32)
     parents = Ragged(np.append(0, np.cumsum(lengths)), values)
-    found = made.segmentation(30, 8, parents=parents, ids=np.arange(8, 0, -1).astype(np.uint32))
-    read = STORE.deserialize_cdr(write_segments(found), topics.SEGMENTS.type)
+    found = random_records.segmentation(
+        30, 8, parents=parents, ids=np.arange(8, 0, -1).astype(np.uint32)
+    )
+    read = STORE.deserialize_cdr(write_segments(found), TYPES["/segments"])
     assert [s.id for s in read.segments] == list(range(1, 9))
     assert [s.parents.tolist() for s in read.segments[::-1]] == [
         parents[k].tolist() for k in range(8)
@@ -259,7 +260,7 @@ def test_segments_are_read_by_ros_itself():
     serialization = pytest.importorskip("rclpy.serialization")
     from ellipseg_ros.msg import SegmentArray
 
-    found = made.segmentation(30, 7)
+    found = random_records.segmentation(30, 7)
     read = serialization.deserialize_message(write_segments(found), SegmentArray)
     assert [s.id for s in read.segments] == sorted(found.ids)
     assert list(read.removed) == found.removed.tolist()
@@ -288,7 +289,7 @@ def test_quaternions_are_scipys():
 
 def sent(markers, found, **how):
     """What a viewer is told: the ids that it must draw, those to delete, whether to clear."""
-    read = STORE.deserialize_cdr(markers.update(found, **how), topics.ELLIPSOIDS.type).markers
+    read = STORE.deserialize_cdr(markers.update(found, **how), TYPES["/ellipsoids"]).markers
     actions = [marker.action for marker in read]
     assert 3 not in actions[1:], "DELETEALL must come first"
     ids = [marker.id for marker in read if marker.action != 3]
@@ -302,19 +303,21 @@ def sent(markers, found, **how):
 )
 @settings(max_examples=100, deadline=None)
 def test_the_bytes_of_markers_are_those_of_the_objects(segments, seed, frame_id):
-    markers = MarkerStream(ALL)
-    first = made.segmentation(60, segments, seed, frame_id=frame_id)
+    markers = Markers(ALL)
+    first = random_records.segmentation(60, segments, seed, frame_id=frame_id)
     visible = np.flatnonzero(first.ellipsoids.count >= 1)
-    kind = topics.ELLIPSOIDS.type
+    kind = TYPES["/ellipsoids"]
     visible = visible[np.argsort(first.ids[visible])]
     expected = STORE.serialize_cdr(plain_markers(first, visible, clear=True), kind)
     assert markers.update(first) == bytes(expected)
 
-    kept = made.segmentation(60, 3, seed, frame_id=frame_id, sequence=1, ids=np.array([2, 4, 99]))
+    kept = random_records.segmentation(
+        60, 3, seed, frame_id=frame_id, sequence=1, ids=np.array([2, 4, 99])
+    )
     rows = np.flatnonzero(kept.ellipsoids.count >= 1)
     dead = sorted(set(first.ids[visible]) - set(kept.ids[rows]))
     expected = STORE.serialize_cdr(plain_markers(kept, rows, dead), kind)
-    assert markers.update(kept, send_all=True) == bytes(expected)
+    assert markers.update(kept, everything=True) == bytes(expected)
 
     anew = replace(kept, restart="a reset", sequence=2)
     expected = STORE.serialize_cdr(plain_markers(anew, rows, clear=True), kind)
@@ -325,8 +328,8 @@ def test_markers_are_read_by_ros_itself():
     serialization = pytest.importorskip("rclpy.serialization")
     from visualization_msgs.msg import MarkerArray
 
-    found = made.segmentation(100, 7, restart="a reset")
-    read = serialization.deserialize_message(MarkerStream(ALL).update(found), MarkerArray).markers
+    found = random_records.segmentation(100, 7, restart="a reset")
+    read = serialization.deserialize_message(Markers(ALL).update(found), MarkerArray).markers
     assert [m.id for m in read] == [0, *range(1, 8)]
     assert [m.action for m in read] == [3] + [0] * 7
     assert [m.pose.position.z for m in read[1:]] == found.ellipsoids.mean[
@@ -337,7 +340,7 @@ def test_markers_are_read_by_ros_itself():
 def steady(seconds, step=1.0, **changes):
     """Updates of 200 segments to which nothing happens but the first."""
     count = 200
-    first = made.segmentation(
+    first = random_records.segmentation(
         6000, count, ids=np.arange(1, count + 1).astype(np.uint32), state=np.zeros(count, np.uint8)
     )
     for k in range(round(seconds / step)):
@@ -353,7 +356,7 @@ def steady(seconds, step=1.0, **changes):
 
 @pytest.mark.parametrize("step", [0.1, 0.7, 1.0, 2.0, 4.9])
 def test_every_marker_comes_again_within_5_s_and_not_all_at_once(step):
-    markers = MarkerStream(ALL)
+    markers = Markers(ALL)
     times = {number: [] for number in range(1, 201)}
     for found in steady(40.0, step):
         drawn, dead, cleared = sent(markers, found)
@@ -369,7 +372,7 @@ def test_every_marker_comes_again_within_5_s_and_not_all_at_once(step):
 
 def test_only_changed_markers_come_at_once():
     updates = list(steady(3.0, 0.01))
-    markers = MarkerStream(ALL)
+    markers = Markers(ALL)
     assert len(sent(markers, updates[0])[0]) == 200
     state = updates[1].state.copy()
     state[[3, 5]] = [State.UPDATED, State.NEW]
@@ -379,7 +382,7 @@ def test_only_changed_markers_come_at_once():
 
 def test_the_dead_and_the_small_are_deleted_once():
     first, second, third = list(steady(3.0))
-    markers = MarkerStream(NodeConfig(marker_min_count=2))
+    markers = Markers(NodeConfig(marker_min_count=2))
     sent(markers, first)
     count = second.ellipsoids.count.copy()
     count[0] = 1  # id 1 is too small now
@@ -395,11 +398,11 @@ def test_the_dead_and_the_small_are_deleted_once():
 def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_a_reset():
     updates = list(steady(1.0, 0.01))
     everything = set(range(1, 201))
-    markers = MarkerStream(ALL)
+    markers = Markers(ALL)
     assert sent(markers, updates[0]) == (everything, set(), True)  # who knows what was before
     assert sent(markers, updates[1])[0] != everything
-    assert sent(markers, updates[2], send_all=True) == (everything, set(), False)
-    assert sent(markers, updates[2], send_all=True, delete_all=True) == (everything, set(), True)
+    assert sent(markers, updates[2], everything=True) == (everything, set(), False)
+    assert sent(markers, updates[2], everything=True, anew=True) == (everything, set(), True)
     assert sent(markers, updates[4])[0] == everything  # updates[3] was left out
     markers.configure(ALL)
     assert sent(markers, updates[5])[0] != everything
@@ -412,7 +415,7 @@ def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_
 
 
 def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes():
-    markers = MarkerStream(replace(ALL, marker_colour="object"))
+    markers = Markers(replace(ALL, marker_colour="object"))
     first, second, third = list(steady(0.03, 0.01))
     sent(markers, first)
     assert len(sent(markers, second)[0]) < 20
@@ -420,7 +423,7 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
     ids[0] = 1234
     moved = replace(third, objects=replace(third.objects, ids=ids))
     members = set(third.ids[third.objects.segment_labels == 0].tolist())
-    read = STORE.deserialize_cdr(markers.update(moved), topics.ELLIPSOIDS.type).markers
+    read = STORE.deserialize_cdr(markers.update(moved), TYPES["/ellipsoids"]).markers
     assert members <= {marker.id for marker in read}
     for marker in read:
         expected = id_colours(moved.object_ids[moved.ids == marker.id])[0] / 255.0
@@ -429,10 +432,10 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
 
 
 def test_a_flat_ellipsoid_is_as_thick_as_a_millimetre_and_sigmas_scale_it():
-    found = made.segmentation(100, 5)
+    found = random_records.segmentation(100, 5)
     read = STORE.deserialize_cdr(
-        MarkerStream(NodeConfig(marker_min_count=1, marker_sigmas=3.0)).update(found),
-        topics.ELLIPSOIDS.type,
+        Markers(NodeConfig(marker_min_count=1, marker_sigmas=3.0)).update(found),
+        TYPES["/ellipsoids"],
     )
     drawn = [marker for marker in read.markers if marker.action == 0]
     scales = np.array([[m.scale.x, m.scale.y, m.scale.z] for m in drawn])

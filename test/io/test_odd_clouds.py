@@ -10,18 +10,17 @@ import pytest
 from ellipseg_ros.config import Config
 from ellipseg_ros.core import window
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.bag import node_types
-from ellipseg_ros.io.limits import MAX_STAMP_S
+from ellipseg_ros.io.bag import CLOUD, node_types
+from ellipseg_ros.io.limits import LAST_STAMP
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.point_times import time_offsets
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
-from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.node.grouping import Grouping
-from ellipseg_ros.records import SECOND, WIDEST, Sweep
+from ellipseg_ros.records import MAX_FIELDS_BYTES, SECOND, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
-from studies.endurance import conversion
-from studies.endurance import update_account as account
-from studies.endurance.clouds import Header, Time, large_cloud, odd_cloud, serialized
+from studies.endurance import conversion, update_check
+from studies.endurance.cloud_messages import Header, Time, large_cloud, serialized
+from studies.endurance.odd_clouds import odd_cloud
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -65,7 +64,7 @@ def update():
     [
         (lambda f: {"labels": np.where(f.labels == -2, -1, f.labels)}, "rejected points"),
         (lambda f: {"labels": np.append(f.labels[1:], np.int32(-1))}, "counts of the segments"),
-        (lambda f: {"labels": f.labels + 10_000}, "labels that no segment has"),
+        (lambda f: {"labels": f.labels + 10_000}, "labels of segments that do not exist"),
         (lambda f: {"late": 1}, "should be in the window"),
         (lambda f: {"evicted": -1}, "should be in the window"),
         (lambda f: {"aicc": np.nan}, "AICc"),
@@ -77,9 +76,9 @@ def update():
 )
 def test_the_account_finds_what_is_wrong(update, change, fault):
     sweep, found = update
-    assert not list(account.faults(None, sweep, found, Config()))
+    assert not list(update_check.contradictions(None, sweep, found, Config()))
     wrong = replace(found, **change(found))
-    assert any(fault in told for told in account.faults(None, sweep, wrong, Config()))
+    assert any(fault in told for told in update_check.contradictions(None, sweep, wrong, Config()))
 
 
 def test_what_raises_or_warns_is_a_fault(monkeypatch):
@@ -123,8 +122,7 @@ def test_a_segment_that_spans_the_earth_takes_no_longer_than_any_other():
 
 
 @pytest.mark.parametrize(
-    ("sec", "nanosec"),
-    [(-1, 0), (2**31 - 1, 0), (0, SECOND), (0, 2**32 - 1), (MAX_STAMP_S + 1, 0)],
+    ("sec", "nanosec"), [(-1, 0), (2**31 - 1, 0), (0, SECOND), (0, 2**32 - 1), (LAST_STAMP + 1, 0)]
 )
 def test_a_stamp_that_is_none_is_refused(sec, nanosec):
     cloud = replace(large_cloud(3), header=Header(Time(sec, nanosec), "odom"))
@@ -134,12 +132,12 @@ def test_a_stamp_that_is_none_is_refused(sec, nanosec):
 
 
 def test_the_last_stamp_with_all_that_is_added_to_it_fits_a_message():
-    cloud = replace(large_cloud(50), header=Header(Time(MAX_STAMP_S, SECOND - 1), "odom"))
+    cloud = replace(large_cloud(50), header=Header(Time(LAST_STAMP, SECOND - 1), "odom"))
     sweep = read_sweep(cloud)
     late = replace(sweep, offsets_ns=np.full(50, 10 * SECOND))
     found = Segmenter(Config(window_duration=86400.0)).process(late)
     msg = node_types().deserialize_cdr(write_segments(found), "ellipseg_ros/msg/SegmentArray")
-    assert msg.window_end.sec == MAX_STAMP_S + 10
+    assert msg.window_end.sec == LAST_STAMP + 10
 
 
 @pytest.mark.parametrize("name", ["n" * 256, "two\nlines", "nul\0", "\ud800"])
@@ -155,11 +153,14 @@ def test_names_that_cannot_be_shown_are_refused(name):
 
 def test_fields_that_overlap_may_not_take_more_than_a_point_has():
     cloud = large_cloud(3)
-    more = [replace(cloud.fields[3], name=f"f{k}") for k in range(WIDEST // 4)]
+    more = [replace(cloud.fields[3], name=f"f{k}") for k in range(MAX_FIELDS_BYTES // 4)]
     with pytest.raises(InputError) as error:
         read_sweep(replace(cloud, fields=[*cloud.fields, *more]))
     assert error.value.reason == "fields"
-    assert len(read_sweep(replace(cloud, fields=[*cloud.fields, *more[: WIDEST // 4 - 4]]))) == 3
+    assert (
+        len(read_sweep(replace(cloud, fields=[*cloud.fields, *more[: MAX_FIELDS_BYTES // 4 - 4]])))
+        == 3
+    )
 
 
 def test_one_cloud_with_many_fields_begins_the_window_anew_and_does_not_widen_all_points():
@@ -170,12 +171,12 @@ def test_one_cloud_with_many_fields_begins_the_window_anew_and_does_not_widen_al
         sweep = replace(sweep, stamp_ns=max(2, sweep.stamp_ns // SECOND) * SECOND)
         grouping.push(sweep)
         found = segmenter.process(sweep)
-        assert found.fields.dtype.itemsize <= WIDEST
+        assert found.fields.dtype.itemsize <= MAX_FIELDS_BYTES
         assert ("take more than" in found.restart) == anew
 
 
 def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
-    monkeypatch.setattr(window, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 100_000)
     config = Config(max_points=2000)
     segmenter = Segmenter(config)
     first = segmenter.process(with_fields(500))

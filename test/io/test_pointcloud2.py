@@ -3,16 +3,15 @@ import struct
 from dataclasses import replace
 from types import SimpleNamespace
 
-import made
 import numpy as np
 import pytest
+import random_records
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.bag import node_types
+from ellipseg_ros.io.bag import CLOUD, node_types
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled, write_sweep
-from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.records import Sweep
 
 CODES = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 8: "d"}  # of struct
@@ -284,7 +283,7 @@ def labelled(found):
 
 
 def test_all_points_are_published_with_id_and_colour():
-    found = made.segmentation()
+    found = random_records.segmentation()
     msg, sweep = labelled(found)
     assert (msg.header.frame_id, sweep.stamp_ns) == ("odom", found.end_ns)
     np.testing.assert_array_equal(sweep.points, found.points)
@@ -307,7 +306,7 @@ def test_the_inputs_fields_keep_place_type_and_value_and_only_names_of_ours_chan
     layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": 49}
     fields = np.zeros(400, np.dtype(layout))
     fields.view(np.uint8)[:] = np.random.default_rng(0).integers(0, 64, fields.nbytes)
-    found = made.segmentation(fields=fields)
+    found = random_records.segmentation(fields=fields)
     msg, sweep = labelled(found)
     renamed = {"label": "input_label", "rgb": "input_input_rgb", "object": "input_object"}
     for name in names:
@@ -320,7 +319,7 @@ def test_the_inputs_fields_keep_place_type_and_value_and_only_names_of_ours_chan
 
 
 def test_points_without_fields_are_float32_unless_that_moves_them_by_a_millimetre():
-    near = made.segmentation()
+    near = random_records.segmentation()
     assert labelled(near)[1].fields.dtype["x"] == np.float32
     utm = replace(near, points=near.points + 5e6)
     _, sweep = labelled(utm)
@@ -329,7 +328,7 @@ def test_points_without_fields_are_float32_unless_that_moves_them_by_a_millimetr
 
 
 def test_a_cloud_with_nan_says_that_it_is_not_dense():
-    found = made.segmentation()
+    found = random_records.segmentation()
     assert labelled(found)[0].is_dense
     points = found.points.copy()
     points[3, 1] = np.nan

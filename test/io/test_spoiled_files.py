@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from dying import dying
+from crashing_worker import crashing_worker
 
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.errors import InputError
@@ -19,15 +19,15 @@ from ellipseg_ros.segmenter import segment
 from studies.endurance import file_trials
 from studies.endurance.damage import DAMAGES, damage
 from studies.endurance.file_trials import (
+    INTACT,
     SKIPPED,
-    WHOLE,
     Outcome,
     Worker,
     answer,
-    task_of,
+    task_for,
     try_files,
 )
-from studies.endurance.files import promises
+from studies.endurance.files import file_requirements
 from studies.endurance.samples import POINTS, WRITERS, write_samples
 
 
@@ -46,7 +46,7 @@ def copied(samples, kind, folder):
 @pytest.mark.parametrize("kind", WRITERS)
 def test_files_of_every_kind_are_read_whole_and_spoiled_give_one_line(samples, tmp_path, kind):
     def tried(folder):
-        return Outcome(kind, "", **answer(task_of(kind, folder, samples)))
+        return Outcome(kind, "", **answer(task_for(kind, folder, samples)))
 
     copied(samples, kind, tmp_path / "whole")
     outcome = tried(tmp_path / "whole")
@@ -76,7 +76,7 @@ def test_every_damage_changes_something(samples, tmp_path):
 
 
 def test_a_process_that_dies_or_hangs_is_a_fault_and_replaced():
-    with Worker(dying, limit=1.0) as worker:
+    with Worker(crashing_worker, timeout_s=1.0) as worker:
         assert worker.run({"kind": "dies"}, "las", "cut").fault == "the process ended with 7"
         assert "no answer within 1 s" in worker.run({"kind": "hangs"}, "las", "cut").fault
         assert worker.run({"kind": "good"}, "las", "cut").code == 2
@@ -92,11 +92,10 @@ def test_a_process_that_dies_or_hangs_is_a_fault_and_replaced():
         (lambda task: np.ones(10_000_000).sum() and 0, "it took"),
     ],
 )
-def test_what_must_not_be_is_a_fault(tmp_path, monkeypatch, wrong, fault):
-    monkeypatch.setattr(file_trials, "_read", lambda task, out: wrong(task))
-    monkeypatch.setattr(file_trials, "MEMORY_MB", 50.0)
-    task = {"kind": "las", "path": str(tmp_path / "cloud.las"), "good": ""}
-    assert fault in answer(task)["fault"]
+def test_what_must_not_be_is_a_fault(tmp_path, wrong, fault):
+    task = {"kind": "las", "path": str(tmp_path / "cloud.las"), "cloud": ""}
+    result = answer(task, lambda task, out: wrong(task), max_memory_mb=50.0)
+    assert fault in result["fault"]
 
 
 @pytest.mark.parametrize(("user", "how"), [(0, SKIPPED), (1000, "locked")])
@@ -107,7 +106,7 @@ def test_a_locked_file_is_no_trial_for_root(monkeypatch, user, how):
     monkeypatch.setattr(file_trials, "damage", lambda *_: "locked")
     monkeypatch.setattr(file_trials.os, "geteuid", lambda: user)
     found = [one.damage for one in try_files(0, 1)]
-    assert found == [WHOLE] * len(WRITERS) + [how] * len(WRITERS)
+    assert found == [INTACT] * len(WRITERS) + [how] * len(WRITERS)
     assert ("locked" in tried) == (user != 0)
 
 
@@ -115,30 +114,31 @@ def refused_as(how):
     return Outcome("las", how, 2, "ellipseg: no", 0.1, 1.0, "")
 
 
-def test_results_in_part_are_a_fault(tmp_path, monkeypatch):
+def test_results_in_part_are_a_fault(tmp_path):
     def half(task, out):
         (out / ".bag.part").mkdir(parents=True)
         return 0
 
-    monkeypatch.setattr(file_trials, "_read", half)
-    task = {"kind": "las", "path": str(tmp_path / "cloud.las"), "good": ""}
-    assert "left behind: .bag.part" in answer(task)["fault"]
+    task = {"kind": "las", "path": str(tmp_path / "cloud.las"), "cloud": ""}
+    assert "left behind: .bag.part" in answer(task, half)["fault"]
 
 
 def test_a_single_fault_breaks_the_promise():
-    whole = Outcome("las", WHOLE, 0, "", 0.1, 1.0, "")
+    whole = Outcome("las", INTACT, 0, "", 0.1, 1.0, "")
     refused = Outcome("las", "cut", 2, "ellipseg: no", 0.1, 1.0, "")
-    assert all(row.kept for row in promises([whole, refused]))
+    assert all(row.met for row in file_requirements([whole, refused]))
     for bad in (
         Outcome("las", "cut", -1, "", 0.1, 1.0, "Traceback"),
-        Outcome("las", WHOLE, 2, "ellipseg: no", 0.1, 1.0, ""),
+        Outcome("las", INTACT, 2, "ellipseg: no", 0.1, 1.0, ""),
     ):
-        assert not promises([whole, refused, bad])[0].kept
+        assert not file_requirements([whole, refused, bad])[0].met
     skipped = Outcome("las", SKIPPED, -1, "", 0.0, 0.0, "")
-    row = promises([whole, refused, skipped])[0]
-    assert row.kept and row.tried.startswith("1 files") and "1 more that are locked" in row.tried
+    row = file_requirements([whole, refused, skipped])[0]
+    assert (
+        row.met and row.test.startswith("1 files") and "1 more without read permission" in row.test
+    )
     slow = Outcome("las", "cut", 2, "ellipseg: no", 100.0, 1.0, "")
-    assert not promises([whole, slow])[1].kept
+    assert not file_requirements([whole, slow])[1].met
 
 
 # --- headers that claim too much ----------------------------------------------------------------
@@ -205,7 +205,7 @@ def test_a_laz_that_claims_more_points_than_it_has_costs_a_chunk_of_them(samples
     data = bytearray(path.read_bytes())
     struct.pack_into("<Q", data, 247, 2**40)
     path.write_bytes(bytes(data))
-    outcome = answer({"kind": "laz", "path": str(path), "good": ""})
+    outcome = answer({"kind": "laz", "path": str(path), "cloud": ""})
     assert (outcome["code"], outcome["fault"]) == (2, "")
 
 

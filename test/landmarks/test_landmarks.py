@@ -290,7 +290,7 @@ def arrays(found: Landmarks):
 def test_the_number_of_threads_changes_nothing(yard, threads, monkeypatch):
     expected = [Segmenter().process(sweep).landmarks for sweep in yard[-1:]]
     monkeypatch.setattr(jit, "THREADS", threads)
-    monkeypatch.setattr(jit, "LEAST", 10)
+    monkeypatch.setattr(jit, "MIN_ROWS_PER_THREAD", 10)
     for one, other in zip([Segmenter().process(yard[-1]).landmarks], expected, strict=True):
         assert all(np.array_equal(a, arrays(other)[name]) for name, a in arrays(one).items())
 

@@ -4,7 +4,7 @@ from clouds import SECOND, stream
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.node.grouping import MOST_MESSAGES, Grouping, updates
+from ellipseg_ros.node.grouping import MAX_GROUP_MESSAGES, Grouping, updates
 from ellipseg_ros.records import Sweep, join_sweeps
 
 CONFIG = Config(update_period=1.0)
@@ -68,7 +68,7 @@ def test_while_stamps_stand_still_a_group_is_closed_when_it_is_as_large_as_a_win
     assert [len(group) for group in updates(clouds, config)] == [12, 12, 4]
     unlimited = Config(update_period=1.0, max_points=0)
     assert [len(group) for group in updates(clouds, unlimited)] == [28]
-    nothing = (Sweep(0, np.zeros((0, 3))) for _ in range(2 * MOST_MESSAGES + 1))
+    nothing = (Sweep(0, np.zeros((0, 3))) for _ in range(2 * MAX_GROUP_MESSAGES + 1))
     assert len(list(updates(nothing, config))) == 3
 
 
@@ -90,7 +90,7 @@ def test_a_group_that_cannot_be_joined_is_dropped_whole():
 
 
 def test_a_group_holds_so_many_bytes_of_fields_however_long_it_is_open(monkeypatch):
-    monkeypatch.setattr("ellipseg_ros.node.grouping.MOST_BYTES", 1000)
+    monkeypatch.setattr("ellipseg_ros.node.grouping.MAX_WINDOW_BYTES", 1000)
     fields = np.zeros(1, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("rest", "V388")])
     wide = [Sweep(SECOND, np.zeros((1, 3)), fields=fields) for _ in range(7)]
     assert [len(group) for group in updates(wide, CONFIG)] == [3, 3, 1]

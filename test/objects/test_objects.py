@@ -11,8 +11,11 @@ from stages import graph_of
 from ellipseg_ros.config import Config, ObjectsConfig
 from ellipseg_ros.core import jit
 from ellipseg_ros.core.adjacency import segment_adjacency
-from ellipseg_ros.core.ellipsoids import COVARIANCE, EIGENVALUES, WIDTH, segment_moments, shape
+from ellipseg_ros.core.ellipsoids import segment_moments
+from ellipseg_ros.core.flat_moments import COVARIANCE, EIGENVALUES, shape
+from ellipseg_ros.core.graph import ISOLATED
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
+from ellipseg_ros.core.moments import flat, no_moments
 from ellipseg_ros.objects.agglomeration import merge_segments
 from ellipseg_ros.objects.finder import find_objects, segment_features
 from ellipseg_ros.objects.indexed_heap import empty_heap, remove, set_cost
@@ -28,7 +31,7 @@ def labelled(cloud, n, seed=0):
     points = cloud(n, np.random.default_rng(seed))
     graph = graph_of(points)
     cells = np.unique(np.floor(points / 1.3), axis=0, return_inverse=True)[1].reshape(-1)
-    cells[graph.isolated] = -1
+    cells[graph.state == ISOLATED] = -1
     first = {}
     labels = [first.setdefault(cell, len(first)) if cell >= 0 else -1 for cell in cells]
     return points, graph, np.array(labels, np.int32), len(first)
@@ -36,7 +39,7 @@ def labelled(cloud, n, seed=0):
 
 def moments_of(points, labels, segments):
     """Nodes of the points of every segment, all anew."""
-    return segment_moments(points, labels, np.full(segments, -1), np.zeros((0, WIDTH)))
+    return flat(segment_moments(points, labels, np.full(segments, -1), no_moments()))
 
 
 def lists_of(graph):
@@ -44,14 +47,14 @@ def lists_of(graph):
 
 
 def rows_of(graph):
-    return zip(graph.neighbours.rows, graph.isolated, strict=True)
+    return zip(graph.knn_indices, graph.state == ISOLATED, strict=True)
 
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(("cloud", "n"), [(street, 150), (grid, 120), (street, 3)])
 def test_boundaries_are_the_edges_between_segments(cloud, n):
     _, graph, labels, segments = labelled(cloud, n)
-    found = segment_adjacency(graph.neighbours.rows, labels, segments)
+    found = segment_adjacency(graph.knn_indices, labels, segments)
     expected = naive.boundaries(lists_of(graph), labels)
     assert list(zip(found.a, found.b, strict=True)) == sorted(expected)
     assert list(found.edge_count) == [expected[pair] for pair in sorted(expected)]
@@ -62,7 +65,7 @@ def test_boundaries_are_the_edges_between_segments(cloud, n):
 def test_features_are_the_means_of_the_points(cloud, n):
     points, graph, labels, segments = labelled(cloud, n)
     lists = lists_of(graph)
-    found = segment_features(graph.nodes, labels, segments)
+    found = segment_features(flat(graph.moments), labels, segments)
     for s in range(segments):
         mine = [
             naive.features(naive.initial_ellipsoid(points, i, lists[i])[2])
@@ -85,8 +88,8 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
         moments[s] = count, mean, covariance + extra[s] * np.eye(3)
         own[s, COVARIANCE : COVARIANCE + 6] = moments[s][2][UPPER]
         shape(own, s)
-    features = segment_features(graph.nodes, labels, segments)
-    adjacency = segment_adjacency(graph.neighbours.rows, labels, segments)
+    features = segment_features(flat(graph.moments), labels, segments)
+    adjacency = segment_adjacency(graph.knn_indices, labels, segments)
     found = merge_segments(own, features, adjacency, thickness)
     lengths = naive.boundaries(lists_of(graph), labels)
     expected = naive.hierarchy(moments, dict(enumerate(features)), lengths, thickness)
@@ -226,11 +229,11 @@ def test_few_and_equal_points(points):
 def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
     own = moments_of(points, labels, segments)
-    adjacency = segment_adjacency(graph.neighbours.rows, labels, segments)
-    what = (points, graph.nodes, labels, own, adjacency, ObjectsConfig())
+    adjacency = segment_adjacency(graph.knn_indices, labels, segments)
+    what = (points, flat(graph.moments), labels, own, adjacency, ObjectsConfig())
     expected = find_objects(*what)
     monkeypatch.setattr(jit, "THREADS", threads)
-    monkeypatch.setattr(jit, "LEAST", 10)
+    monkeypatch.setattr(jit, "MIN_ROWS_PER_THREAD", 10)
     found = find_objects(*what)
     for name in ("of_segment", "nodes", "low", "high"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name

@@ -1,23 +1,26 @@
-"""The examples do what they say."""
+"""The examples run and produce what they state."""
 
 import importlib.util
 import sys
-from pathlib import Path
+from collections.abc import Iterator
+from types import ModuleType
 
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from sources import ROOT
 
-from ellipseg_ros.association.landmark_map import select_landmarks
-from ellipseg_ros.records import Verdict
+from ellipseg_ros import Verdict, select_landmarks
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "close_loop.py"
 gtsam = pytest.importorskip("gtsam", reason="no gtsam; pip install 'ellipseg_ros[slam]'")
 
 
 @pytest.fixture(scope="module")
-def close_loop():
-    spec = importlib.util.spec_from_file_location("close_loop", EXAMPLE)
+def close_loop() -> Iterator[ModuleType]:
+    """The example, as a module."""
+    path = ROOT / "examples" / "close_loop.py"
+    spec = importlib.util.spec_from_file_location("close_loop", path)
+    assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["close_loop"] = module
     spec.loader.exec_module(module)
@@ -40,30 +43,30 @@ def test_landmarks_close_the_loop(close_loop, seed):
 
 @pytest.mark.parametrize("kind", range(3))
 @pytest.mark.parametrize("key", range(2))
-def test_the_derivatives_of_the_factor(close_loop, kind, key):
+def test_derivatives_of_the_factor_equal_finite_differences(close_loop, kind, key):
     rng = np.random.default_rng(kind)
-    world = close_loop.town(rng)
+    world = close_loop.simulated_town(rng)
     poses = close_loop.true_poses()[:2]
-    one = select_landmarks(world, [np.flatnonzero(world.kind == kind)[0]])
-    seen = [close_loop.moved(one, pose.inverse()) for pose in poses]
-    factor = close_loop.landmark_factor(0, 1, *seen)
+    landmark = select_landmarks(world, [np.flatnonzero(world.kind == kind)[0]])
+    observed = [close_loop.transformed(landmark, pose.inverse()) for pose in poses]
+    factor = close_loop.landmark_factor(0, 1, *observed)
     values = gtsam.Values()
     for number, pose in enumerate(poses):
         values.insert(number, pose.compose(gtsam.Pose3.Expmap(rng.normal(scale=1e-4, size=6))))
     jacobians = [None, None]
-    close_loop._error(*seen, factor, values, jacobians)
+    close_loop._error(*observed, factor, values, jacobians)
 
     def error(motion):
         changed = gtsam.Values(values)
         changed.update(key, values.atPose3(key).compose(gtsam.Pose3.Expmap(motion)))
-        return close_loop._error(*seen, factor, changed, None)
+        return close_loop._error(*observed, factor, changed, None)
 
     expected = approx_fprime(np.zeros(6), error, 1e-7)
-    # As far as the frame of the comparison turns with the pose, which is no part of it.
+    # The frame of the comparison turns with the pose; the derivatives leave that out.
     np.testing.assert_allclose(jacobians[key], expected, rtol=1e-3, atol=0.01)
 
 
-def test_the_example_says_what_came_of_it_and_draws(close_loop, capsys, monkeypatch, tmp_path):
+def test_the_example_prints_its_result_and_draws_it(close_loop, capsys, monkeypatch, tmp_path):
     picture = tmp_path / "loop.png"
     monkeypatch.setattr(sys, "argv", ["close_loop.py", str(picture)])
     close_loop.main()

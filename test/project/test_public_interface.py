@@ -7,6 +7,9 @@ import sys
 import ellipseg_ros
 from ellipseg_ros import Config, Segmenter, segment
 
+# Packages of the extras in setup.py that the package can import.
+EXTRAS = {"PIL", "distributed", "laspy", "matplotlib", "pypcd4", "scipy", "small_gicp", "trimesh"}
+
 
 def test_every_public_name_resolves() -> None:
     for name in ellipseg_ros.__all__:
@@ -47,3 +50,34 @@ def test_import_of_the_package_loads_nothing_heavy() -> None:
     loaded = set(result.stdout.split())
     assert "ellipseg_ros" in loaded
     assert not loaded & {"matplotlib", "numba", "numpy", "rclpy", "rosbags", "scipy", "yaml"}
+
+
+def run_without(packages: set[str], program: str) -> str:
+    """The output of a program in which importing any of the packages fails."""
+    blocked = f"import sys; sys.modules.update(dict.fromkeys({sorted(packages)!r}))"
+    result = subprocess.run(
+        [sys.executable, "-c", f"{blocked}\n{program}"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_library_needs_neither_ros_nor_extras() -> None:
+    program = (
+        "import numpy as np, ellipseg_ros\n"
+        "[getattr(ellipseg_ros, name) for name in ellipseg_ros.__all__]\n"
+        "points = np.random.default_rng(1).uniform(0.0, 1.0, (40, 3))\n"
+        "print(ellipseg_ros.segment(points).counts.segmented)\n"
+    )
+    assert run_without(EXTRAS | {"rclpy", "tqdm", "yaml"}, program) == "40\n"
+
+
+def test_nodes_need_no_extras() -> None:
+    program = (
+        "import ellipseg_ros.ros.segmenter_node, ellipseg_ros.ros.associator_node\n"
+        "import ellipseg_ros.ros.replayer\n"
+    )
+    assert run_without(EXTRAS, program) == ""

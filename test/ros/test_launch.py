@@ -10,11 +10,11 @@ import yaml
 
 from ellipseg_ros.config import Config, NodeConfig, flatten
 from ellipseg_ros.node.playback import ReplayOptions
-from ellipseg_ros.ros.replayer import ReplaySource
+from ellipseg_ros.ros.replayer import Place
 
 ROOT = Path(__file__).resolve().parents[2]
 SEGMENTER = flatten(Config()) | flatten(NodeConfig()) | {"use_sim_time": False}
-REPLAYER = flatten(ReplayOptions()) | flatten(ReplaySource())
+REPLAYER = flatten(ReplayOptions()) | flatten(Place())
 MODULES = {
     "launch": ["LaunchDescription"],
     "launch.actions": ["DeclareLaunchArgument"],

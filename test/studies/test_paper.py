@@ -1,61 +1,55 @@
-"""`ellipseg paper`: figures, numbers, and verdicts that follow from them."""
+"""The study of the paper: figures, numbers, and verdicts that follow from them."""
 
 import json
 import re
-from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from tables import check_tables
 
-from ellipseg_ros.cli.main import main
-from ellipseg_ros.config import CRITERIA, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.search import Search, tune
-from studies.paper.facts import (
-    criterion_facts,
-    first_window,
-    shared,
-    with_threshold,
-)
-from studies.paper.findings import BEYOND, CLAIMS, Claim, judge
+from studies.paper import readings
+from studies.paper.__main__ import main
+from studies.paper.facts import criterion_facts, first_window, shared, with_threshold
+from studies.paper.findings import ADDITIONAL, FINDINGS, Finding, judge
 from studies.paper.page import page
 
-ROOT = Path(__file__).parents[2]
 FIGURES = ["figure3", "figure4", "figure5", "figure6_industrial", "figure6_woodland", "figure7"]
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """The folder that the command fills, on scenes of half a second and a cloud."""
-    place = tmp_path_factory.mktemp("paper")
-    cloud = place / "yard.npz"
+    """The results of the command on scenes of half a second and a cloud."""
+    parent = tmp_path_factory.mktemp("paper")
+    cloud = parent / "yard.npz"
     np.savez(cloud, xyz=np.random.default_rng(0).uniform(0.0, [20.0, 20.0, 0.2], (800, 3)))
-    folder = place / "out"
-    words = ["paper", str(cloud), "--duration", "0.5", "--count", "5", "-q", "-o", str(folder)]
+    folder = parent / "out"
+    words = [str(cloud), "--duration", "0.5", "--count", "5", "-q", "-o", str(folder)]
     assert main(words) == 0
     return folder
 
 
 @pytest.fixture(scope="module")
 def facts(results):
-    return json.loads((results / "claims.json").read_text())
+    return json.loads((results / "paper.json").read_text())
 
 
 def curve(losses, thresholds=(1.0, 2.0, 4.0)):
-    """A curve of shape whose singletons have 1."""
+    """A curve of shape, whose singletons have an AICc of 1."""
     values = np.array(losses)
     return Curve("shape", 10, 1.0, np.array(thresholds), values, values, np.array([9, 5, 1]))
 
 
-def test_the_scenes_are_the_simulated_ones_and_those_given(facts):
+def test_the_scenes_are_the_simulated_and_the_given_ones(facts):
     kinds = {scene["name"]: scene["kind"] for scene in facts["scenes"]}
     simulated = ("industrial", "woodland", "roadway", "mixed")
-    assert kinds == dict.fromkeys(simulated, "simulated") | {"yard": "real"}
+    assert kinds == dict.fromkeys(simulated, "simulated") | {"yard": "recorded"}
     assert all(list(scene["criteria"]) == list(CRITERIA) for scene in facts["scenes"])
 
 
@@ -76,18 +70,18 @@ def test_the_numbers_are_those_of_a_segmentation_at_the_minimum(facts):
         assert largest[: one["half"] - 1].sum() < 0.5 * count.sum()
 
 
-def test_the_size_is_the_mean_half_axis_of_the_middle_point():
+def test_the_size_is_the_mean_semi_axis_of_the_median_point():
     rng = np.random.default_rng(1)
     points = rng.normal(0.0, [2.0, 1.0, 0.5], (2000, 3))
-    found_curve = tune(points, Config(), Search(count=3, refinements=0))
+    tuned = tune(points, Config(), Search(count=3, refinements=0))
     everything = segment(points, Config(threshold=1e9))
-    facts = criterion_facts(found_curve, everything, Config())
+    facts = criterion_facts(tuned, everything, Config())
     assert len(everything.ellipsoids) == 1
     assert facts["size_m"] == pytest.approx(1.0, rel=0.1)
     assert facts["half"] == 1 and facts["largest"] == 1.0
 
 
-def test_the_shared_threshold_is_the_one_of_least_worst_loss():
+def test_the_shared_threshold_has_the_lowest_maximum_loss():
     first, second = curve([0.0, 0.1, 0.8]), curve([0.9, 0.2, 0.0])
     assert shared([first, second]) == {"threshold": 2.0, "worst_loss": pytest.approx(0.2)}
 
@@ -100,7 +94,7 @@ def test_a_curve_keeps_the_settings_but_criterion_and_threshold():
 
 
 def scene(**changes):
-    """Facts of a scene that shows every claim, with some changed: shape_count=5, say."""
+    """Facts of a scene that shows every finding, with some changed: shape_count=5, say."""
     one = {"loss_at_lowest": 0.5, "loss_at_highest": 0.5, "loss_at_default": 0.01}
     criteria = {
         "shape": one
@@ -128,10 +122,10 @@ def scene(**changes):
     [
         ({}, []),
         ({"shape_loss_at_highest": 0.01}, ["The AICc over the threshold has a minimum"]),
-        ({"shape_completion": 0.7}, ["Minima lie at 80 % merge completion or later"]),
+        ({"shape_completion": 0.7}, ["The minima are at 80 % merge completion or later"]),
         (
             {"shape_completion": 0.96},
-            ["The minimum of density comes later in the merging than that of shape"],
+            ["The minimum of density is at a later merge completion than that of shape"],
         ),
         ({"shape_aicc": 1.5}, ["The minimum of density is lower than that of shape"]),
         (
@@ -139,41 +133,42 @@ def scene(**changes):
             ["Shape leaves thousands of ellipsoids", "Density leaves fewer ellipsoids than shape"],
         ),
         ({"shape_small": 100}, ["Many of the ellipsoids that shape leaves are small"]),
-        ({"density_half": 4}, ["Shape finds larger structure than density"]),
+        ({"density_half": 4}, ["Shape finds larger structures than density"]),
         ({"density_size_m": 1.1}, ["Density fits more tightly than shape"]),
         ({"density_largest": 0.3}, ["Density tessellates the ground"]),
-        ({"shape_largest": 0.1}, ["Shape makes the ground of a wood one segment"]),
+        ({"shape_largest": 0.1}, ["Shape makes the ground of a forest one segment"]),
         ({"density_aicc": 0.5}, ["Parsimony has a lower AICc than shape and density"]),
-        ({"parsimony_count": 4500}, ["with fewer ellipsoids"]),
-        ({"density_loss_at_default": 0.06}, ["The default thresholds need no tuning"]),
+        ({"parsimony_count": 4500}, ["Parsimony leaves fewer ellipsoids than shape and density"]),
+        ({"density_loss_at_default": 0.06}, ["The default thresholds are near the minima"]),
     ],
 )
-def test_a_scene_that_differs_loses_the_claim(change, lost):
-    shown = {claim.text: judge(claim, [scene(**change)]).holds for claim in CLAIMS + BEYOND}
+def test_a_scene_that_differs_does_not_show_the_finding(change, lost):
+    scenes = [scene(**change)]
+    shown = {one.text: judge(one, scenes).holds for one in FINDINGS + ADDITIONAL}
     assert [text for text, holds in shown.items() if holds == "no"] == lost
 
 
-def test_a_claim_that_some_scenes_show_says_in_how_many():
-    claim = Claim(
+def test_the_number_of_scenes_that_show_a_finding_is_given():
+    finding = Finding(
         "", "", "", lambda one: one["shape"]["count"] > 1, lambda scenes: str(len(scenes))
     )
-    verdict = judge(claim, [scene(), scene(shape_count=1), scene()])
+    verdict = judge(finding, [scene(), scene(shape_count=1), scene()])
     assert (verdict.measured, verdict.holds) == ("3", "in 2 of 3")
-    assert judge(claim, []).holds == "-"
+    assert judge(finding, []).holds == "-"
 
 
-def test_the_page_is_written_from_the_numbers(results, facts):
-    text = (results / "claims.md").read_text()
-    assert text == page(facts)
+def test_the_page_follows_from_the_numbers(results, facts):
+    text = (results / "paper.md").read_text()
+    assert text == page(facts).markdown()
     assert check_tables(text) == 4
-    for link in re.findall(r"\]\((images/[^)]+)\)", text):
+    for link in re.findall(r"\]\(([^)]+\.png)\)", text):
         assert (results / link).exists()
     assert facts["figures"] == FIGURES
 
 
 def test_the_figures_show_something(results):
     for name in FIGURES:
-        image = imread(results / "images" / f"paper_{name}.png")[..., :3]
+        image = imread(results / f"paper_{name}.png")[..., :3]
         assert (np.ptp(image, axis=2) > 0.3).sum() > 2000
     seven = (results / "vector" / "paper_figure7.svg").read_text()
     for text in ("AICc per point", "threshold τ [m]", "woodland", "yard"):
@@ -185,34 +180,27 @@ def test_the_figures_show_something(results):
 
 def test_a_second_run_gives_the_same(results, facts, capsys):
     cloud = results.parent / "yard.npz"
-    words = ["paper", str(cloud), "--duration", "0.5", "--count", "5", "--no-pictures", "--json"]
+    words = [str(cloud), "--duration", "0.5", "--count", "5", "--no-pictures", "--json"]
     assert main([*words, "-o", str(results.parent / "again")]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     assert json.loads(out) == facts | {"figures": []}
 
 
-def test_what_cannot_be_read_is_told_in_one_line(tmp_path, capsys):
-    assert main(["paper", str(tmp_path / "no.mcap"), "-o", str(tmp_path / "out")]) == 2
+def test_a_missing_source_is_one_line(tmp_path, capsys):
+    assert main([str(tmp_path / "no.mcap"), "-o", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("part", ["SHAPES", "DENSITIES", "PARSIMONIES"])
-def test_the_study_begins_with_what_the_package_does(part, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "studies")
-    study = import_module("readings")
-    reading = getattr(study, part)[0]
+@pytest.mark.parametrize("group", ["SHAPES", "DENSITIES", "PARSIMONIES"])
+def test_the_first_reading_of_a_group_equals_the_package(group):
+    reading = getattr(readings, group)[0]
     cut = first_window(open_source("sim:roadway", duration=0.5), Config())
-    tried = study.scene_of(cut.points, cut.origin)
-    name = CRITERIA[["SHAPES", "DENSITIES", "PARSIMONIES"].index(part)]
+    scene = readings.scene_of(cut.points, cut.origin)
+    name = dict(zip(["SHAPES", "DENSITIES", "PARSIMONIES"], CRITERIA, strict=True))[group]
     for threshold in (0.01, 1.0, 4.0):
         found = segment(cut.points, Config(name, threshold), cut.origin)
-        aicc, count, largest = study.try_threshold(tried, reading, threshold)
+        aicc, count, largest = readings.try_threshold(scene, reading, threshold)
         assert count == len(found.ellipsoids)
         assert aicc == pytest.approx(found.aicc / found.counts.segmented, rel=1e-9)
         assert largest == found.ellipsoids.count.max() / found.counts.segmented
-
-
-def test_the_page_of_the_repository_follows_from_its_numbers():
-    facts = json.loads((ROOT / "docs" / "results" / "paper.json").read_text())
-    assert (ROOT / "docs" / "results" / "paper.md").read_text() == page(facts)

@@ -334,7 +334,7 @@ def test_the_command_writes_and_adds(run, tmp_path):
         (["missing.npz"], "there is no missing.npz"),
         (["bare.npz"], "bare.npz has no classes; it must have a field class or coarse"),
         (["blank.npz"], "blank.npz has no point of a known class"),
-        (["good.npz", "--duration", "3"], "--duration is for simulated scenes"),
+        (["good.npz", "--duration", "3"], "--duration applies to simulated scenes"),
         (["good.npz", "--methods", "magic"], "there is no method 'magic'; there are cut-pursuit"),
         (["good.npz", "--counts", "0"], "--counts has 0; it must be 1 or more"),
         (["good.npz", "--limit", "0"], "--limit is 0; it must be more than 0 s"),

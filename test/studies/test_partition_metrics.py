@@ -1,4 +1,4 @@
-"""The scores are what their papers say: against twins that count one by one, and known values."""
+"""Partition scores equal naive twins that count point by point, and known values."""
 
 from collections import Counter
 from itertools import combinations
@@ -17,7 +17,7 @@ from studies.partition.metrics import (
 
 
 def naive_votes(labels, classes):
-    """The commonest class of every segment, the lower one of two."""
+    """The most frequent class of every segment; ties: the lower one."""
     votes = {}
     for segment in set(labels):
         tally = Counter(c for s, c in zip(labels, classes, strict=True) if s == segment)
@@ -32,11 +32,11 @@ def naive_purity(labels, classes):
 
 def naive_ious(labels, classes):
     votes = naive_votes(labels, classes)
-    said = [votes[s] for s in labels]
+    predicted = [votes[s] for s in labels]
     ious = {}
     for one in set(classes):
-        both = sum(a == one and b == one for a, b in zip(said, classes, strict=True))
-        either = sum(a == one or b == one for a, b in zip(said, classes, strict=True))
+        both = sum(a == one and b == one for a, b in zip(predicted, classes, strict=True))
+        either = sum(a == one or b == one for a, b in zip(predicted, classes, strict=True))
         ious[one] = both / either
     return ious
 
@@ -50,13 +50,11 @@ def naive_under_segmentation(labels, classes):
     return leaks / len(labels)
 
 
-def naive_recall(found, wanted, edges):
-    """Of the edges between different `wanted`: those with a cut at one of their ends."""
-    cut = {i for i, j in edges if found[i] != found[j]} | {
-        j for i, j in edges if found[i] != found[j]
-    }
-    asked = [(i, j) for i, j in edges if wanted[i] != wanted[j]]
-    return np.mean([i in cut or j in cut for i, j in asked]) if asked else np.nan
+def naive_recall(predicted, reference, edges):
+    """Share of the reference boundary edges that have a point of a predicted one."""
+    cut = {k for edge in edges if predicted[edge[0]] != predicted[edge[1]] for k in edge}
+    boundary = [(i, j) for i, j in edges if reference[i] != reference[j]]
+    return np.mean([i in cut or j in cut for i, j in boundary]) if boundary else np.nan
 
 
 def naive_rand(labels, truth):
@@ -147,7 +145,7 @@ def test_instance_scores_equal_the_naive_ones(seed):
     assert (found.precision, found.recall, found.quality) == pytest.approx(expected)
 
 
-def test_the_truth_itself_is_perfect():
+def test_the_truth_has_perfect_scores():
     rng = np.random.default_rng(0)
     instances = np.repeat(np.arange(5), 20)
     classes = np.array([1, 2, 2, 3, 6])[instances]
@@ -155,11 +153,11 @@ def test_the_truth_itself_is_perfect():
     found = score_partition(classes, classes, edges)
     assert (found.purity, found.mean_iou, found.under_segmentation) == (1.0, 1.0, 0.0)
     assert (found.boundary_recall, found.boundary_precision) == (1.0, 1.0)
-    things = score_instances(instances, instances, classes > 0)
-    assert (things.ari, things.precision, things.recall, things.quality) == (1.0,) * 4
+    scores = score_instances(instances, instances, classes > 0)
+    assert (scores.ari, scores.precision, scores.recall, scores.quality) == (1.0,) * 4
 
 
-def test_names_of_segments_mean_nothing():
+def test_scores_do_not_depend_on_segment_numbers():
     labels, classes, edges = random_case(3)
     other = np.unique(labels, return_inverse=True)[1] * -7 + 10**9
     assert score_partition(labels, classes, edges) == score_partition(other, classes, edges)
@@ -174,7 +172,7 @@ def test_a_boundary_may_be_off_by_one_edge():
     assert recalls == [1.0, 1.0, 0.0]
 
 
-def test_what_cannot_be_scored_is_no_number():
+def test_undefined_scores_are_nan():
     one = np.ones(4, np.int64)
     found = score_partition(one, one, np.array([[0, 1]]))
     assert np.isnan([found.boundary_recall, found.boundary_precision]).all()

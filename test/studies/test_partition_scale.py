@@ -188,7 +188,7 @@ def test_the_command_writes_page_numbers_and_chart(written):
     [
         (["sim:roadway", "--set", "objects.scale=0"], "objects.scale is 0; it must be above 0"),
         (["sim:moon"], "there is no scene 'moon'"),
-        (["sim:roadway", "missing.npz", "--seed", "1"], "--seed is for simulated scenes"),
+        (["sim:roadway", "missing.npz", "--seed", "1"], "--seed applies to simulated scenes"),
     ],
 )
 def test_an_error_is_one_line(words, message, capsys):

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from clouds import grid, street
 
-from ellipseg_ros.config import CRITERIA, DEFAULT_THRESHOLDS, Config, ModelConfig
+from ellipseg_ros.config import Config, ModelConfig
 from ellipseg_ros.core import jit
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.simulation import simulator
 from ellipseg_ros.tuning.curve import Curve, curve_from
 from ellipseg_ros.tuning.search import Search, curve, tune
 
-SPREAD = {name: tau * np.geomspace(0.01, 30, 14) for name, tau in DEFAULT_THRESHOLDS.items()}
+FACTORS = np.geomspace(0.01, 30, 14)
+SPREAD = {name: row.default_threshold * FACTORS for name, row in CRITERIA.items()}
 
 
 def brute_force(points, config, thresholds, origin=None):
@@ -71,7 +73,7 @@ def test_any_number_of_threads_gives_the_same(criterion, threads, monkeypatch):
     expected = curve(points, config, SPREAD[criterion])
     monkeypatch.setattr(jit, "THREADS", threads)
     found = curve(points, config, SPREAD[criterion])
-    with jit.alone():
+    with jit.single_threaded():
         alone = curve(points, config, SPREAD[criterion])
     assert found.as_dict() == expected.as_dict() == alone.as_dict()
 

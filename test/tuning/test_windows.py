@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from clouds import SECOND, street
 
-from ellipseg_ros.config import DEFAULT_THRESHOLDS, Config
+from ellipseg_ros.config import Config
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.tuning.choice import choose
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.search import Search
-from ellipseg_ros.tuning.tasks import Task, run, run_alone
+from ellipseg_ros.tuning.tasks import Task, run, run_single_threaded
 from ellipseg_ros.tuning.windows import windows
 
 WINDOW = Config(window_duration=2.0)
@@ -85,7 +86,7 @@ def task(seed=0, **changes):
 
 
 def test_alone_and_on_all_cores_the_result_is_the_same():
-    one, other = run(task()), run_alone(task())
+    one, other = run(task()), run_single_threaded(task())
     assert {k: c.as_dict() for k, c in one.items()} == {k: c.as_dict() for k, c in other.items()}
     assert list(one) == ["shape", "density"]
 
@@ -105,7 +106,7 @@ def test_a_given_threshold_is_that_of_its_criterion_alone():
     found = run(task(config=Config(window_duration=2.0, threshold=5.5)))
     assert 5.5 in found["shape"].threshold
     assert 5.5 not in found["density"].threshold
-    assert DEFAULT_THRESHOLDS["density"] in found["density"].threshold
+    assert CRITERIA["density"].default_threshold in found["density"].threshold
 
 
 # --- one threshold for many ------------------------------------------------------------------

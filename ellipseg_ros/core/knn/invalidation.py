@@ -1,32 +1,32 @@
-"""Whose nearest neighbours a change of the points may alter: the others need no search.
+"""Rows whose nearest neighbours change when points enter or leave; the others need no search.
 
-A leaf remembers how far its points reach for their neighbours; if nothing came or went within,
-none of them is looked at.
+A leaf stores its reach, the largest distance of its points to a neighbour: if no point entered or
+left within that distance, its points are not looked at.
 """
 
 import numpy as np
 
 from ellipseg_ros.core.jit import for_parts, kernel
-from ellipseg_ros.core.knn.kdtree import LEAF, Tree, bound, descend, gap, leaf_parts
+from ellipseg_ros.core.knn.kdtree import LEAF_POINTS, Tree, bound, descend, gap, leaf_parts
 from ellipseg_ros.core.knn.search import Search
 from ellipseg_ros.records import Array
 
 
-def gaining(trees: list[Tree], entering: Tree, search: Search) -> Array:
-    """(rows,) bool: the wanted rows to which an entering point is nearer than their last one."""
-    gains = np.zeros(len(search.wanted), bool)
+def rows_gaining(trees: list[Tree], entering: Tree, search: Search) -> Array:
+    """(rows,) bool: the queried rows to which an entering point is nearer than their last one."""
+    gains = np.zeros(len(search.queried), bool)
     if len(entering.rows):
         for source in trees:
             for_parts(leaf_parts(source), _gaining, source, entering, search, gains)
     return gains
 
 
-def losing(trees: list[Tree], leaving: Tree, search: Search) -> Array:
-    """(rows,) bool: the wanted rows that lack a neighbour, or have one below the least status.
+def rows_losing(trees: list[Tree], leaving: Tree, search: Search) -> Array:
+    """(rows,) bool: the queried rows that lack a neighbour, or have one below the least state.
 
-    leaving: the points that have sunk below it since the wanted rows were searched.
+    leaving: the points that fell below it since the queried rows were searched.
     """
-    loses = np.zeros(len(search.wanted), bool)
+    loses = np.zeros(len(search.queried), bool)
     for source in trees:
         for_parts(leaf_parts(source), _losing, source, leaving, search, loses)
     return loses
@@ -34,25 +34,25 @@ def losing(trees: list[Tree], leaving: Tree, search: Search) -> Array:
 
 @kernel
 def _gaining(first, last, source, entering, search, gains):
-    """Mark the wanted points in the leaves first to last that an entering point comes near."""
+    """Mark the queried points in leaves first to last that gain a neighbour."""
     x, y, z, rows, low, high, lowest, depth, _ = entering
     from_x, from_y, from_z, from_rows = source.x, source.y, source.z, source.rows
-    wanted, _, _, found, squared = search
-    n, k, leaves = len(x), found.shape[1], 1 << depth
-    queries, box = np.empty(LEAF, np.int64), np.empty((2, 3))
+    queried, _, _, indices, squared = search
+    n, k, leaves = len(x), indices.shape[1], 1 << depth
+    queries, box = np.empty(LEAF_POINTS, np.int64), np.empty((2, 3))
     stack, gaps = np.empty(64, np.int64), np.empty(64)
     for leaf in range(first, last):
-        if not _comes_near(entering, source, leaf, box, stack, gaps):
+        if not _within_reach(entering, source, leaf, box, stack, gaps):
             continue
         count, reach, last_row = 0, 0.0, -1
         start = (leaf * len(from_x)) >> source.depth
         end = ((leaf + 1) * len(from_x)) >> source.depth
         for position in range(start, end):
             row = from_rows[position]
-            if wanted[row]:
+            if queried[row]:
                 queries[count] = position
                 reach = max(reach, squared[row, k - 1])
-                last_row = max(last_row, found[row, k - 1])
+                last_row = max(last_row, indices[row, k - 1])
                 count += 1
         if count == 0:
             continue
@@ -78,7 +78,7 @@ def _gaining(first, last, source, entering, search, gains):
                     )
                     d = dx * dx + dy * dy + dz * dz
                     if d < squared[row, k - 1] or (
-                        d == squared[row, k - 1] and rows[other] < found[row, k - 1]
+                        d == squared[row, k - 1] and rows[other] < indices[row, k - 1]
                     ):
                         gains[row] = True
                         break
@@ -86,33 +86,33 @@ def _gaining(first, last, source, entering, search, gains):
 
 @kernel
 def _losing(first, last, source, leaving, search, loses):
-    """Mark the wanted points in the leaves first to last that have lost a neighbour."""
-    wanted, status, least, found, _ = search
+    """Mark the queried points in leaves first to last that have lost a neighbour."""
+    queried, state, min_state, indices, _ = search
     box, stack, gaps = np.empty((2, 3)), np.empty(64, np.int64), np.empty(64)
     for leaf in range(first, last):
-        if not _comes_near(leaving, source, leaf, box, stack, gaps):
+        if not _within_reach(leaving, source, leaf, box, stack, gaps):
             continue
         start = (leaf * len(source.rows)) >> source.depth
         end = ((leaf + 1) * len(source.rows)) >> source.depth
         for position in range(start, end):
             row = source.rows[position]
-            if wanted[row]:
-                loses[row] = lacks(row, found, status, least)
+            if queried[row]:
+                loses[row] = lacks_neighbour(row, indices, state, min_state)
 
 
 @kernel
-def lacks(row, found, status, least):
-    """Whether a row lacks a neighbour, or has one below the least status."""
-    for slot in range(found.shape[1]):
-        other = found[row, slot]
-        if other < 0 or status[other] < least:
+def lacks_neighbour(row, indices, state, min_state):
+    """Whether a row lacks a neighbour, or has one below the least state."""
+    for slot in range(indices.shape[1]):
+        other = indices[row, slot]
+        if other < 0 or state[other] < min_state:
             return True
     return False
 
 
 @kernel
-def _comes_near(other, source, leaf, box, stack, gaps):
-    """Whether a point of the other tree may be, or have been, a neighbour of one in the leaf."""
+def _within_reach(other, source, leaf, box, stack, gaps):
+    """Whether a point of the other tree may be, or have been, a neighbour of one in a leaf."""
     reach, node = source.reach[leaf], (1 << source.depth) + leaf
     if reach == np.inf:
         return True

@@ -12,7 +12,7 @@ import numpy as np
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.records import Array
 
-LEAF = 24  # most points a leaf
+LEAF_POINTS = 24  # at most in a leaf
 
 
 class Tree(NamedTuple):
@@ -33,7 +33,7 @@ class Tree(NamedTuple):
 def build(points: Array, rows: Array) -> Tree:
     """Tree of points[rows]; points (r, 3) float64, finite, rows (n,) int."""
     count = len(rows)
-    depth = max(0, int(np.ceil(np.log2(max(count, 1) / LEAF))))
+    depth = max(0, int(np.ceil(np.log2(max(count, 1) / LEAF_POINTS))))
     table = np.empty((count, 4))
     table[:, :3] = points[rows]
     table[:, 3] = rows

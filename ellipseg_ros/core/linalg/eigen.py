@@ -9,27 +9,19 @@ TINY = 1e-290  # a matrix below is taken for zero: its inverse would overflow
 
 
 @kernel
-def eigen(out, row, matrix, values, axes):
-    """Decompose a symmetric matrix within a row of an array.
+def eigen(xx, xy, xz, yy, yz, zz):
+    """Decompose a symmetric matrix: e1 >= e2 >= e3, clipped at 0, and the axes v1, v2, v3.
 
-    out[row, matrix:matrix + 6] holds xx, xy, xz, yy, yz, zz; out[row, values:values + 3] gets the
-    eigenvalues, ascending, clipped at 0. axes: where in the row the three components of v1, of v2
-    and of v3 go, descending by eigenvalue: largest component of v1 and of v2 positive,
-    v3 = v1 x v2. The identity where all eigenvalues are 0.
+    The axes are nine numbers in a row; the largest component of v1 and of v2 is positive,
+    v3 = v1 x v2. They are those of the identity where all eigenvalues are 0.
 
-    The axis of the most separate eigenvalue by cross products, the other two by one rotation
-    within its complement (Eberly, "A Robust Eigensolver for 3x3 Symmetric Matrices", 2014),
-    eigenvalues as Rayleigh quotients: accurate to a few ulp of the largest.
+    The axis of the most separate eigenvalue comes from cross products, the other two from one
+    rotation within its complement (Eberly, "A Robust Eigensolver for 3x3 Symmetric Matrices",
+    2014), eigenvalues from Rayleigh quotients: accurate to a few ulp of the largest.
     """
-    xx, xy, xz = out[row, matrix], out[row, matrix + 1], out[row, matrix + 2]
-    yy, yz, zz = out[row, matrix + 3], out[row, matrix + 4], out[row, matrix + 5]
     scale = max(abs(xx), abs(yy), abs(zz), max(abs(xy), abs(xz), abs(yz)))
     if not scale > TINY:
-        for k in range(3):
-            out[row, values + k] = 0.0
-            for axis in range(3):
-                out[row, axes[axis] + k] = 1.0 if axis == k else 0.0
-        return
+        return 0.0, 0.0, 0.0, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     unit = 1.0 / scale
     xx, xy, xz, yy, yz, zz = xx * unit, xy * unit, xz * unit, yy * unit, yz * unit, zz * unit
     wx, wy, wz = _separate_axis(xx, xy, xz, yy, yz, zz)
@@ -45,15 +37,9 @@ def eigen(out, row, matrix, values, axes):
     ax, ay, az = sign * ax, sign * ay, sign * az
     sign = _sign(bx, by, bz)
     bx, by, bz = sign * bx, sign * by, sign * bz
-    out[row, values] = max(0.0, e3 * scale)
-    out[row, values + 1] = max(0.0, e2 * scale)
-    out[row, values + 2] = max(0.0, e1 * scale)
-    v1, v2, v3 = axes
-    out[row, v1], out[row, v1 + 1], out[row, v1 + 2] = ax, ay, az
-    out[row, v2], out[row, v2 + 1], out[row, v2 + 2] = bx, by, bz
-    out[row, v3] = ay * bz - az * by
-    out[row, v3 + 1] = az * bx - ax * bz
-    out[row, v3 + 2] = ax * by - ay * bx
+    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    e1, e2, e3 = max(0.0, e1 * scale), max(0.0, e2 * scale), max(0.0, e3 * scale)
+    return e1, e2, e3, (ax, ay, az, bx, by, bz, cx, cy, cz)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""A subscriber that remembers what a segmenter says: for trials in which nodes come and go."""
+"""A subscriber that keeps what segmenters publish, for tests in which nodes start and end."""
 
 import time
 from collections.abc import Callable
@@ -14,22 +14,22 @@ from ellipseg_ros.node.abortable_condition import AbortableCondition
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.subscriptions import segmenter_statuses
 
-DEPTH = 100  # messages kept while others are dealt with
+QUEUE_DEPTH = 100  # messages kept while others are processed
 
 
 @dataclass(frozen=True)
-class Heard:
-    """One message of `segments`."""
+class ReceivedUpdate:
+    """Header and flags of one message of `segments`."""
 
     time: float  # s, monotonic clock
     stamp_ns: int
     sequence: int
     frame_id: str
     full: bool
-    in_step: bool  # whether the mirror was, after it
+    in_sync: bool  # whether the mirror was complete after it
 
 
-class Witness(AuxiliaryNode):
+class RecordingSubscriber(AuxiliaryNode):
     """Subscribes to `segments`, `ellipsoids` and /diagnostics; a context manager.
 
     args: `--ros-args ...`, for a namespace. Its lists only grow.
@@ -38,65 +38,67 @@ class Witness(AuxiliaryNode):
     def __init__(self, args: list[str]) -> None:
         self._changed = AbortableCondition()
         self._mirror = SegmentMirror()
-        self.heard: list[Heard] = []
-        self.shown: set[int] = set()  # markers, as a viewer has them that never forgets
-        self.drawn: list[tuple[int, bool]] = []  # ns, the update; whether others stayed on show
-        self.lifetimes: set[int] = set()  # s, of all markers
-        self.said: list[tuple[float, str]] = []  # s; the one line of a segmenter's health
-        super().__init__("ellipseg_witness", args)
-        for kind, topic, call in (
+        self.updates: list[ReceivedUpdate] = []
+        self.displayed: set[int] = set()  # markers that a viewer would display, without lifetimes
+        # By message of markers: stamp in ns; whether markers of other messages stay displayed.
+        self.marker_updates: list[tuple[int, bool]] = []
+        self.lifetimes_s: set[int] = set()  # of all markers
+        self.health: list[tuple[float, str]] = []  # s; message of the segmenter's /diagnostics
+        super().__init__("ellipseg_recording_subscriber", args)
+        for kind, topic, callback in (
             (SegmentArray, "segments", self._on_segments),
             (MarkerArray, "ellipsoids", self._on_markers),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics),
         ):
-            self.node.create_subscription(kind, topic, call, DEPTH)
+            self.node.create_subscription(kind, topic, callback, QUEUE_DEPTH)
 
-    def wait(self, done: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        """Wait until a message makes it true; raises EllipsegError after `timeout` s."""
-        self._changed.wait_until(done, timeout, otherwise)
+    def wait(self, done: Callable[[], bool], timeout_s: float, problem: str) -> None:
+        """Wait until `done` is true after a message; raises EllipsegError at the timeout."""
+        self._changed.wait_until(done, timeout_s, problem)
 
     def fail(self, error: BaseException) -> None:
-        """Let what waits fail with it."""
+        """Let everything that waits fail with `error`."""
         super().fail(error)
-        self._changed.abort(f"listening failed: {error}")
+        self._changed.abort(f"receiving failed: {error}")
 
-    def since(self, moment: float) -> list[Heard]:
-        """What has come on `segments` since then."""
-        return [one for one in self.heard if one.time > moment]
+    def since(self, moment: float) -> list[ReceivedUpdate]:
+        """Updates received after `moment`, s."""
+        return [update for update in self.updates if update.time > moment]
 
     def _on_segments(self, message: SegmentArray) -> None:
-        in_step = self._mirror.update(message)
-        heard = Heard(
+        in_sync = self._mirror.update(message)
+        update = ReceivedUpdate(
             time.monotonic(),
             nanoseconds(message.header.stamp),
             message.sequence,
             message.header.frame_id,
             message.full,
-            in_step,
+            in_sync,
         )
         with self._changed:
-            self.heard.append(heard)
+            self.updates.append(update)
             self._changed.notify_all()
 
     def _on_markers(self, message: MarkerArray) -> None:
         with self._changed:
             for marker in message.markers:
                 if marker.action == Marker.DELETEALL:
-                    self.shown.clear()
+                    self.displayed.clear()
                 elif marker.action == Marker.DELETE:
-                    self.shown.discard(marker.id)
+                    self.displayed.discard(marker.id)
                 else:
-                    self.shown.add(marker.id)
-                    self.lifetimes.add(marker.lifetime.sec)
-            drawn = {m.id for m in message.markers if m.action == Marker.ADD}
+                    self.displayed.add(marker.id)
+                    self.lifetimes_s.add(marker.lifetime.sec)
+            added = {m.id for m in message.markers if m.action == Marker.ADD}
             for marker in message.markers[-1:]:
-                self.drawn.append((nanoseconds(marker.header.stamp), bool(self.shown - drawn)))
+                stale = bool(self.displayed - added)
+                self.marker_updates.append((nanoseconds(marker.header.stamp), stale))
             self._changed.notify_all()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
         with self._changed:
-            self.said += [
+            self.health += [
                 (now, status.message) for status in segmenter_statuses(self.node, message)
             ]
             self._changed.notify_all()
