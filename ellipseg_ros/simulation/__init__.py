@@ -1,1 +1,1 @@
-"""What the simulator is made of: shapes, rays, the scanner's path, things, scenes."""
+"""Simulated lidar drives with ground truth: shapes, rays, scanner and path, scenes."""

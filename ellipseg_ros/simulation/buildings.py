@@ -1,4 +1,4 @@
-"""Houses and sheds. A frame stands in the middle of the front's foot, y going in."""
+"""Houses and sheds. Their frame is at the middle of the foot of the front, y points inside."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ellipseg_ros.simulation.shapes import Class, Frame, Material, Model
 STONE = Material(Class.WALL, 0.45)
 SHEET = Material(Class.WALL, 0.5)
 FRONT = Material(Class.WALL, 0.45, windows=True)
-FOUNDATION = 1.5  # m below the front's foot, so that no house floats on a slope
+FOUNDATION = 1.5  # m below the foot of the front, so that no house floats on a slope
 
 
 def house(model: Model, at: Frame, size: tuple[float, float], storeys: int) -> None:
@@ -28,7 +28,7 @@ def house(model: Model, at: Frame, size: tuple[float, float], storeys: int) -> N
 
 
 def _gable(model: Model, at: Frame, size: tuple[float, float], high: float) -> None:
-    """Two slabs that lean on one another over a ridge along x."""
+    """A gabled roof: two slabs that meet at a ridge along x."""
     wide, deep = size
     slope = np.radians(35.0)
     length = (0.5 * deep + 0.5) / np.cos(slope)

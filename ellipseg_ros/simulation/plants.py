@@ -1,4 +1,4 @@
-"""Trees and bushes: solid wood, and foliage that beams enter."""
+"""Trees and bushes: solid wood, and porous foliage."""
 
 import numpy as np
 

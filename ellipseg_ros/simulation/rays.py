@@ -1,7 +1,7 @@
-"""Where a beam ends: ray casting against shapes and rolling ground.
+"""Ray casting against shapes and rolling ground.
 
-Compiled here and not taken from a library: the common ray casters know triangles and solids, and
-have no bodies that a beam can pass through, as foliage and wire mesh are.
+The common ray casters know triangles and solids, but no bodies that a beam can pass through, such
+as foliage and wire mesh.
 """
 
 from typing import NamedTuple
@@ -13,12 +13,15 @@ from ellipseg_ros.records import Array
 from ellipseg_ros.simulation.shapes import BOX, CONE, Shapes
 
 GROUND = -2  # in Returns.body
-NOTHING = -1
-FAR = 1e9  # m: missed
-GOLDEN = 0.618033988749895  # one lucky number gives another for every body, evenly spread
-CELL, PANE, RECESS = 2.8, (0.62, 0.75), 0.22  # m: window spacing, half width and height, depth
-GLASS = 0.25  # of a wall's reflectivity
-LEAF = 0.7  # cosine of incidence on leaves, which look everywhere
+NOTHING = -1  # in Returns.body
+FAR = 1e9  # m: distance of a beam without a return
+MAX_GROUND_DISTANCE = 200.0  # m
+GOLDEN_RATIO = 0.618033988749895  # spreads one random number of a beam over all bodies
+WINDOW_SPACING = 2.8  # m
+WINDOW_HALF_SIZE = (0.62, 0.75)  # m: width and height
+WINDOW_RECESS = 0.22  # m: from the wall to the pane
+GLASS = 0.25  # reflectivity of panes, relative to the wall
+LEAF_COSINE = 0.7  # of the angle of incidence on leaves, which have all directions
 
 
 class Terrain(NamedTuple):
@@ -27,11 +30,11 @@ class Terrain(NamedTuple):
     height: Array  # (k,) m
     wave: Array  # (k, 2) rad/m
     phase: Array  # (k,) rad
-    slope: float  # never steeper
+    max_slope: float
 
 
 class Lines(NamedTuple):
-    """Scan lines; beam at angle a looks along cos(a) forward + sin(a) side."""
+    """Scan lines; the beam at angle a has direction cos(a) forward + sin(a) side."""
 
     origin: Array  # (l, 3) m
     forward: Array  # (l, 3)
@@ -39,27 +42,28 @@ class Lines(NamedTuple):
 
 
 class Returns(NamedTuple):
-    """Where the beams ended; row of a line, column of a beam."""
+    """Ends of the beams: a row per scan line, a column per beam."""
 
-    distance: Array  # (l, b) float64 m; FAR if nowhere
+    distance: Array  # (l, b) float64 m; FAR if there is none
     body: Array  # (l, b) int64: row of the shapes, GROUND or NOTHING
     cosine: Array  # (l, b) float64: of the angle of incidence
 
 
-def cast(lines: Lines, angles: Array, luck: Array, shapes: Shapes, terrain: Terrain) -> Returns:
-    """Follow every beam to its end.
+def cast(lines: Lines, angles: Array, uniform: Array, shapes: Shapes, terrain: Terrain) -> Returns:
+    """The end of every beam.
 
-    angles: (b,) rad. luck: (l, b) in 0...1, which decides how deep a beam enters porous bodies.
+    angles: (b,) rad. uniform: (l, b) random numbers in 0...1, which decide how deep a beam enters
+    porous bodies.
     """
     size = (len(lines.origin), len(angles))
-    found = Returns(np.full(size, FAR), np.full(size, NOTHING, np.int64), np.zeros(size))
-    _cast(lines, angles, luck, shapes, terrain, found)
-    return found
+    returns = Returns(np.full(size, FAR), np.full(size, NOTHING, np.int64), np.zeros(size))
+    _cast(lines, angles, uniform, shapes, terrain, returns)
+    return returns
 
 
 @kernel
 def elevation(terrain, x, y):
-    """Height of the ground at x, y."""
+    """Height of the ground at x, y; all in m."""
     z = 0.0
     for k in range(len(terrain.height)):
         z += terrain.height[k] * np.sin(
@@ -69,25 +73,25 @@ def elevation(terrain, x, y):
 
 
 @kernel
-def _cast(lines, angles, luck, shapes, terrain, found):
+def _cast(lines, angles, uniform, shapes, terrain, returns):
     near = np.empty(len(shapes.form), np.int64)
     for line in range(len(lines.origin)):
         o, f, s = lines.origin[line], lines.forward[line], lines.side[line]
-        count = _touched(o, f, s, shapes, near)
+        count = _select_bodies(o, f, s, shapes, near)
         for b in range(len(angles)):
             d = np.cos(angles[b]) * f + np.sin(angles[b]) * s
-            _follow(o, d, luck[line, b], shapes, near[:count], (line, b), found)
-            limit = min(found.distance[line, b], 200.0)
-            t = _ground(o, d, terrain, limit)
+            _nearest_body(o, d, uniform[line, b], shapes, near[:count], (line, b), returns)
+            limit = min(returns.distance[line, b], MAX_GROUND_DISTANCE)
+            t = _ground_distance(o, d, terrain, limit)
             if t < limit:
-                found.distance[line, b] = t
-                found.body[line, b] = GROUND
-                found.cosine[line, b] = _ground_cosine(o + t * d, d, terrain)
+                returns.distance[line, b] = t
+                returns.body[line, b] = GROUND
+                returns.cosine[line, b] = _ground_cosine(o + t * d, d, terrain)
 
 
 @kernel
-def _touched(o, f, s, shapes, near):
-    """List the bodies that the half plane of a scan line can touch; return how many."""
+def _select_bodies(o, f, s, shapes, near):
+    """Fill `near` with the bodies in reach of a scan line; return their number."""
     nx, ny, nz = f[1] * s[2] - f[2] * s[1], f[2] * s[0] - f[0] * s[2], f[0] * s[1] - f[1] * s[0]
     count = 0
     for i in range(len(shapes.form)):
@@ -96,63 +100,64 @@ def _touched(o, f, s, shapes, near):
             shapes.centre[i, 1] - o[1],
             shapes.centre[i, 2] - o[2],
         )
-        reach = shapes.reach[i]
-        if abs(nx * x + ny * y + nz * z) <= reach and f[0] * x + f[1] * y + f[2] * z >= -reach:
+        radius = shapes.radius[i]
+        if abs(nx * x + ny * y + nz * z) <= radius and f[0] * x + f[1] * y + f[2] * z >= -radius:
             near[count] = i
             count += 1
     return count
 
 
 @kernel
-def _follow(o, d, luck, shapes, near, at, found):
-    """Find the nearest return of one beam from the bodies `near`."""
+def _nearest_body(o, d, uniform, shapes, near, at, returns):
+    """Set the return of one beam from the nearest of the bodies `near`."""
     for i in near:
         c = shapes.centre[i]
         x, y, z = o[0] - c[0], o[1] - c[1], o[2] - c[2]
         ahead = -(x * d[0] + y * d[1] + z * d[2])
-        reach = shapes.reach[i]
-        if ahead < -reach or ahead - reach > found.distance[at]:
+        radius = shapes.radius[i]
+        if ahead < -radius or ahead - radius > returns.distance[at]:
             continue
-        if x * x + y * y + z * z - ahead * ahead > reach * reach:
+        if x * x + y * y + z * z - ahead * ahead > radius * radius:
             continue
-        enter, leave, cosine = _pierce(o, d, i, shapes)
+        enter, leave, cosine = _intersect(o, d, i, shapes)
         if leave <= 0.0 or enter >= leave:
             continue
         enter = max(enter, 0.0)
         if shapes.density[i] > 0.0:
-            chance = (luck + i * GOLDEN) % 1.0
+            chance = (uniform + i * GOLDEN_RATIO) % 1.0
             enter -= np.log(1.0 - chance) / shapes.density[i]
-            cosine = LEAF
-        if enter < leave and enter < found.distance[at]:
-            found.distance[at] = enter
-            found.body[at] = i
-            found.cosine[at] = cosine
+            cosine = LEAF_COSINE
+        if enter < leave and enter < returns.distance[at]:
+            returns.distance[at] = enter
+            returns.body[at] = i
+            returns.cosine[at] = cosine
 
 
 @kernel
-def _pierce(o, d, i, shapes):
-    """Enter and leave body i: distances along the beam, and the cosine of incidence."""
+def _intersect(o, d, i, shapes):
+    """Distances along the beam where it enters and leaves body i, and the cosine of incidence."""
     a, c, size = shapes.axes[i], shapes.centre[i], shapes.size[i]
     x, y, z = o[0] - c[0], o[1] - c[1], o[2] - c[2]
-    p = (
+    p, v = _in_axes(a, x, y, z), _in_axes(a, d[0], d[1], d[2])
+    if shapes.form[i] == BOX:
+        return _intersect_box(p, v, size, shapes.windows[i])
+    if shapes.form[i] == CONE:
+        return _intersect_cone(p, v, size)
+    return _intersect_ellipsoid(p, v, size)
+
+
+@kernel
+def _in_axes(a, x, y, z):
+    """A vector in the axes of a body, the columns of `a`."""
+    return (
         a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
         a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
         a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
     )
-    v = (
-        a[0, 0] * d[0] + a[1, 0] * d[1] + a[2, 0] * d[2],
-        a[0, 1] * d[0] + a[1, 1] * d[1] + a[2, 1] * d[2],
-        a[0, 2] * d[0] + a[1, 2] * d[1] + a[2, 2] * d[2],
-    )
-    if shapes.form[i] == BOX:
-        return _pierce_box(p, v, size, shapes.windows[i])
-    if shapes.form[i] == CONE:
-        return _pierce_cone(p, v, size)
-    return _pierce_ellipsoid(p, v, size)
 
 
 @kernel
-def _pierce_box(p, v, size, windows):
+def _intersect_box(p, v, size, windows):
     enter, leave, face = -FAR, FAR, 0
     for k in range(3):
         if abs(v[k]) < 1e-12:
@@ -165,7 +170,7 @@ def _pierce_box(p, v, size, windows):
         leave = min(leave, middle + half)
     cosine = abs(v[face])
     if windows and face < 2 and 0.0 < enter < leave:
-        deeper = enter + RECESS / cosine
+        deeper = enter + WINDOW_RECESS / cosine
         u = p[1 - face] + deeper * v[1 - face]
         up = p[2] + deeper * v[2] + size[2]
         if _in_window(u + size[1 - face], 2.0 * size[1 - face], up, 2.0 * size[2]):
@@ -175,16 +180,19 @@ def _pierce_box(p, v, size, windows):
 
 @kernel
 def _in_window(u, width, up, height):
-    """Say whether a place on a wall is a pane; u from its left end, up from its foot."""
-    columns, rows = int(width / CELL), int(height / CELL)
+    """Whether a position on a wall is a pane; u from its left end, up from its foot, in m."""
+    columns, rows = int(width / WINDOW_SPACING), int(height / WINDOW_SPACING)
     if columns == 0 or rows == 0:
         return False
     cell, storey = width / columns, height / rows
-    return abs(u % cell - 0.5 * cell) < PANE[0] and abs(up % storey - 0.55 * storey) < PANE[1]
+    return (
+        abs(u % cell - 0.5 * cell) < WINDOW_HALF_SIZE[0]
+        and abs(up % storey - 0.55 * storey) < WINDOW_HALF_SIZE[1]
+    )
 
 
 @kernel
-def _pierce_ellipsoid(p, v, size):
+def _intersect_ellipsoid(p, v, size):
     px, py, pz = p[0] / size[0], p[1] / size[1], p[2] / size[2]
     vx, vy, vz = v[0] / size[0], v[1] / size[1], v[2] / size[2]
     a, b = vx * vx + vy * vy + vz * vz, px * vx + py * vy + pz * vz
@@ -203,15 +211,15 @@ def _pierce_ellipsoid(p, v, size):
 
 
 @kernel
-def _pierce_cone(p, v, size):
-    """Rod along z: radius r(z) = middle + taper z between its flat ends."""
+def _intersect_cone(p, v, size):
+    """Truncated cone along z: radius r(z) = middle + taper z between its flat ends."""
     half = size[2]
     middle, taper = 0.5 * (size[0] + size[1]), 0.5 * (size[1] - size[0]) / half
     r, dr = middle + taper * p[2], taper * v[2]
     a = v[0] * v[0] + v[1] * v[1] - dr * dr
     b = p[0] * v[0] + p[1] * v[1] - r * dr
     under = b * b - a * (p[0] * p[0] + p[1] * p[1] - r * r)
-    if under <= 0.0 or a < 1e-9:  # a beam along the rod: its ends are small
+    if under <= 0.0 or a < 1e-9:  # a beam along the cone; its ends are small
         return FAR, -FAR, 0.0
     root = np.sqrt(under)
     enter, leave = (-b - root) / a, (root - b) / a
@@ -227,9 +235,9 @@ def _pierce_cone(p, v, size):
 
 
 @kernel
-def _ground(o, d, terrain, limit):
-    """Go down a beam in steps that cannot pass the ground; return the distance, or FAR."""
-    closing = terrain.slope * np.sqrt(d[0] * d[0] + d[1] * d[1]) - d[2]
+def _ground_distance(o, d, terrain, limit):
+    """Distance to the ground, or FAR; in steps that cannot pass it at its maximum slope."""
+    closing = terrain.max_slope * np.sqrt(d[0] * d[0] + d[1] * d[1]) - d[2]
     if closing <= 0.0:
         return FAR
     t = 0.0

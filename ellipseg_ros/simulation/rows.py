@@ -1,7 +1,7 @@
-"""Rows of things along the lane: s along it, d to its left, in metres.
+"""Rows of items along the lane: s along it, d to its left, in m.
 
-Every row draws from a generator of its own and goes up in s, so that a longer drive begins as a
-shorter one with the same seed does.
+Every row has a random generator of its own and ascends in s, so that a longer drive begins like a
+shorter one with the same seed.
 """
 
 from collections.abc import Iterator
@@ -10,30 +10,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from ellipseg_ros.records import Array
-from ellipseg_ros.simulation import buildings, plants, things
+from ellipseg_ros.simulation import buildings, items, plants
 from ellipseg_ros.simulation.scanner import Path
 from ellipseg_ros.simulation.shapes import Class, Material, Model
 
 PAVING = Material(Class.GROUND, 0.35)
-INWARD = np.pi  # yaw of a thing on the right side whose y looks away from the lane
+INWARD = np.pi  # yaw of an item on the right side whose y axis points away from the lane
 
 
 @dataclass(frozen=True)
 class Site:
-    """A scene while it is laid out."""
+    """A scene under construction."""
 
     model: Model
     path: Path
     end: float  # m: greatest s
     seed: int
-    rows: Iterator[int]  # number of the next row of things
+    rows: Iterator[int]  # number of the next row of items
 
     def rng(self) -> np.random.Generator:
-        """Return a generator for one row of things."""
+        """A random generator for one row of items."""
         return np.random.default_rng((self.seed, 1, next(self.rows)))
 
     def each(self, spacing: float) -> Array:
-        """(n,) m: places along the lane."""
+        """(n,) m: positions along the lane."""
         return np.arange(self.path.start + 3.0, self.end - 3.0, spacing)
 
 
@@ -61,7 +61,7 @@ def houses(site: Site, side: float, front: float) -> None:
 
 
 def gardens(site: Site, side: float, d: float) -> None:
-    """What stands between gardens and pavement: low walls, hedges, fences; gaps for gates."""
+    """Low walls, hedges and fences between gardens and pavement, with gaps for gates."""
     rng = site.rng()
     s = site.path.start + 2.0
     while s < site.end - 12.0:
@@ -69,11 +69,11 @@ def gardens(site: Site, side: float, d: float) -> None:
         at, middle = site.path.at(s, side * d), site.path.at(s + 0.5 * length, side * d)
         pick = rng.random()
         if pick < 0.35:
-            things.low_wall(site.model, at, length)
+            items.low_wall(site.model, at, length)
         elif pick < 0.6:
             plants.hedge(site.model, middle, length, rng.uniform(0.9, 1.6))
         elif pick < 0.85:
-            things.plank_fence(site.model, at, length)
+            items.plank_fence(site.model, at, length)
         s += length + rng.uniform(1.0, 2.5)
 
 
@@ -91,14 +91,14 @@ def parked(site: Site, d: float, chance: float, slot: float = 6.2) -> None:
         if taken > chance:
             continue
         yaw = (0.0 if d < 0.0 else INWARD) + 0.2 * off
-        make = things.lorry if lorry < 0.06 else things.car
+        make = items.lorry if lorry < 0.06 else items.car
         make(site.model, site.path.at(s + shift, d + off, yaw), np.random.default_rng(seed))
 
 
 def lamps(site: Site, d: float, spacing: float) -> None:
     """Lamps whose arms reach over the lane."""
     for s in site.each(spacing):
-        things.lamp(site.model, site.path.at(s, d, 0.0 if d < 0.0 else INWARD))
+        items.lamp(site.model, site.path.at(s, d, 0.0 if d < 0.0 else INWARD))
 
 
 def avenue(site: Site, d: float, spacing: float, height: tuple[float, float]) -> None:
@@ -110,12 +110,12 @@ def avenue(site: Site, d: float, spacing: float, height: tuple[float, float]) ->
 
 
 def people(site: Site, inner: float, outer: float, spacing: float) -> None:
-    """Somebody every `spacing` metres or so, between two distances from the lane."""
+    """People about every `spacing` m, between two distances from the lane."""
     rng = site.rng()
     for s in site.each(spacing):
         shift, share, yaw = rng.uniform(0.0, spacing), rng.random(), rng.uniform(0.0, 2.0 * np.pi)
         at = site.path.at(s + shift, inner + share * (outer - inner), yaw)
-        things.person(site.model, at, rng)
+        items.person(site.model, at, rng)
 
 
 def street_furniture(site: Site, d: float) -> None:
@@ -125,11 +125,11 @@ def street_furniture(site: Site, d: float) -> None:
         at = site.path.at(s + rng.uniform(0.0, 6.0), d, 0.0 if d > 0.0 else INWARD)
         pick = rng.random()
         if pick < 0.4:
-            things.sign(site.model, at, rng)
+            items.sign(site.model, at, rng)
         elif pick < 0.75:
-            things.bin_(site.model, at)
+            items.bin_(site.model, at)
         else:
-            things.bench(site.model, at)
+            items.bench(site.model, at)
 
 
 def forest(site: Site, inner: float, outer: float, spacing: float) -> None:
@@ -150,7 +150,7 @@ def forest(site: Site, inner: float, outer: float, spacing: float) -> None:
 
 
 def undergrowth(site: Site, inner: float, outer: float, spacing: float) -> None:
-    """Bushes, now and then a rock or a fallen stem."""
+    """Bushes, some rocks and fallen stems."""
     rng = site.rng()
     for s in site.each(spacing):
         at = site.path.at(
@@ -185,20 +185,20 @@ def yard(site: Site, side: float, d: float) -> None:
         at = site.path.at(s, side * (d + rng.uniform(-0.4, 0.8)), rng.normal(0.0, 0.04))
         pick, gap = rng.random(), rng.uniform(2.0, 4.0)
         if pick < 0.3:
-            things.container(site.model, at, int(rng.integers(1, 4)))
+            items.container(site.model, at, int(rng.integers(1, 4)))
             s += 7.0
         elif pick < 0.5:
             for k in range(int(rng.integers(2, 5))):
-                things.pallets(site.model, at.moved((1.7 * k - 2.0, 0.0, 0.0)), rng)
+                items.pallets(site.model, at.moved((1.7 * k - 2.0, 0.0, 0.0)), rng)
             s += 7.0
         elif pick < 0.7:
-            things.lorry(site.model, at, rng)
+            items.lorry(site.model, at, rng)
             s += 10.0
         elif pick < 0.85:
-            things.tank(site.model, at, rng.uniform(1.2, 1.9), rng.uniform(4.0, 7.0))
+            items.tank(site.model, at, rng.uniform(1.2, 1.9), rng.uniform(4.0, 7.0))
             s += 5.0
         else:
-            things.car(site.model, at, rng)
+            items.car(site.model, at, rng)
             s += 5.5
         s += gap
 
@@ -207,30 +207,30 @@ def mesh(site: Site, d: float) -> None:
     """A wire fence with gates."""
     for s in site.each(3.0):
         if s % 30.0 > 6.0:
-            things.mesh_fence(site.model, site.path.at(s, d), 3.0)
+            items.mesh_fence(site.model, site.path.at(s, d), 3.0)
 
 
 def racks(site: Site, d: float) -> None:
-    """Pipes on gantries, here and there."""
+    """Pipes on gantries, every 40 m."""
     for s in site.each(40.0):
-        things.pipe_rack(site.model, site.path.at(s, d), 15.0)
+        items.pipe_rack(site.model, site.path.at(s, d), 15.0)
 
 
 def bollards(site: Site, d: float) -> None:
     """Groups of bollards."""
     for s in site.each(3.0):
         if s % 24.0 < 9.0:
-            things.bollard(site.model, site.path.at(s, d))
+            items.bollard(site.model, site.path.at(s, d))
 
 
 def plank_fences(site: Site, d: float) -> None:
     """A plank fence with gaps."""
     for s in site.each(3.0):
         if s % 36.0 < 21.0:
-            things.plank_fence(site.model, site.path.at(s, d), 3.0)
+            items.plank_fence(site.model, site.path.at(s, d), 3.0)
 
 
 def wires(site: Site, d: float) -> None:
     """A power line."""
     places = [site.path.at(s, d) for s in site.each(28.0)]
-    things.masts_and_wires(site.model, places)
+    items.masts_and_wires(site.model, places)

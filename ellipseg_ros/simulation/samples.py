@@ -1,4 +1,4 @@
-"""Simple things alone, for tests: a sweep, and which thing every point of it belongs to."""
+"""Single simple items for tests: a sweep, and the item of every point."""
 
 import numpy as np
 
@@ -6,15 +6,15 @@ from ellipseg_ros.records import Array, Sweep
 from ellipseg_ros.simulation.scanner import HEIGHT
 
 NOISE = 0.015  # m, along the beam
-EYE = np.array([0.0, 0.0, HEIGHT])  # where the scanner looks from
+SCANNER = np.array([0.0, 0.0, HEIGHT])  # m
 
 
 def wall(
     rng: np.random.Generator, width: float = 10.0, height: float = 4.0, density: float = 60.0
 ) -> tuple[Sweep, Array]:
-    """Sample an upright wall across x, 8 m ahead, at `density` points a square metre.
+    """Sample an upright wall across x, 8 m ahead, at `density` points per square metre.
 
-    Returns the sweep and the thing of every point, (n,) uint32, all 1.
+    Returns the sweep and the item of every point, (n,) uint32, all 1.
     """
     count = round(width * height * density)
     y, z = rng.uniform([-0.5 * width, 0.0], [0.5 * width, height], (count, 2)).T
@@ -24,9 +24,9 @@ def wall(
 def trunk(
     rng: np.random.Generator, radius: float = 0.2, height: float = 6.0, density: float = 150.0
 ) -> tuple[Sweep, Array]:
-    """Sample the near side of an upright stem 6 m ahead, at `density` points a square metre.
+    """Sample the near side of an upright stem 6 m ahead, at `density` points per square metre.
 
-    Returns the sweep and the thing of every point, (n,) uint32, all 1.
+    Returns the sweep and the item of every point, (n,) uint32, all 1.
     """
     count = round(np.pi * radius * height * density)
     turn = rng.uniform(0.5 * np.pi, 1.5 * np.pi, count)
@@ -52,10 +52,10 @@ def boxes(
 
 
 def _seen(parts: list[Array], rng: np.random.Generator) -> tuple[Sweep, Array]:
-    """Add the noise of ranges, and mix the points of all parts as a scan does."""
+    """A sweep of all parts in random order, with range noise, and the part of every point."""
     points = np.concatenate(parts)
     truth = np.repeat(np.arange(1, len(parts) + 1), [len(part) for part in parts])
-    beam = points - EYE
+    beam = points - SCANNER
     beam /= np.linalg.norm(beam, axis=1, keepdims=True)
     points += NOISE * rng.standard_normal((len(points), 1)) * beam
     order = rng.permutation(len(points))

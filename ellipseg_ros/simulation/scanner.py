@@ -1,4 +1,4 @@
-"""The path of the vehicle, the spinning scanner on it, and the error of its registration.
+"""The path of the vehicle, the rotating scanner on it, and the error of its registration.
 
 The scanner is that of Pauling, Bosse & Zlot (ACRA 2009): a SICK LMS, 181 beams over 180 degrees,
 75 lines a second, its plane turning at 0.5 Hz about its forward axis.
@@ -11,14 +11,14 @@ import numpy as np
 from ellipseg_ros.records import Array
 from ellipseg_ros.simulation import rays
 from ellipseg_ros.simulation.rays import Lines, Terrain
-from ellipseg_ros.simulation.shapes import Frame, turned
+from ellipseg_ros.simulation.shapes import Frame, yaw_rotation
 
 ANGLES = np.radians(np.arange(-90.0, 91.0))  # of the beams, from the forward axis
 LINES_PER_SECOND = 75
-SPIN = 1.0041 * np.pi  # rad/s: 0.5 Hz, but as with any motor no whole number of lines a turn
+SPIN = 1.0041 * np.pi  # rad/s: about 0.5 Hz; as with real motors, no whole number of lines a turn
 HEIGHT = 1.9  # m above the ground
 NEAREST, FARTHEST = 0.6, 40.0  # m
-STRENGTH = 3.0e3  # m^2: a return of signal 1 / STRENGTH m^-2 comes in 63 % of cases
+STRENGTH = 3.0e3  # m^2: a signal of 1 / STRENGTH m^-2 gives a return with probability 63 %
 STEP = 0.25  # m between the nodes of a path
 
 
@@ -30,19 +30,19 @@ class Path:
     """
 
     terrain: Terrain
-    start: float  # m: least s
+    start: float  # m: smallest s
     xy: Array  # (n, 2) m, every STEP
     heading: Array  # (n,) rad
 
     def at(self, s: float, d: float = 0.0, yaw: float = 0.0) -> Frame:
-        """Upright frame on the ground at (s, d), x along the lane, turned by `yaw` radians."""
+        """Upright frame on the ground at (s, d), x along the lane, rotated by `yaw` rad."""
         x, y, heading = self.place(s)
         x, y = x - d * np.sin(heading), y + d * np.cos(heading)
         z = rays.elevation(self.terrain, x, y)
-        return Frame(np.array([x, y, z]), turned(heading + yaw))
+        return Frame(np.array([x, y, z]), yaw_rotation(heading + yaw))
 
     def place(self, s: float) -> tuple[float, float, float]:
-        """x, y, heading of the lane at s."""
+        """x, y (m) and heading (rad) of the lane at s."""
         nodes = self.start + STEP * np.arange(len(self.xy))
         columns = (self.xy[:, 0], self.xy[:, 1], self.heading)
         x, y, heading = (float(np.interp(s, nodes, column)) for column in columns)
@@ -50,7 +50,7 @@ class Path:
 
 
 def make_path(terrain: Terrain, start: float, end: float, swing: float) -> Path:
-    """Make a path whose heading swings by `swing` radians either way, every 150 m."""
+    """A path whose heading oscillates by `swing` rad, with a period of 150 m."""
     s = np.arange(start, end + STEP, STEP)
     heading = swing * np.sin(2.0 * np.pi * s / 150.0)
     steps = STEP * np.column_stack([np.cos(heading), np.sin(heading)])
@@ -60,7 +60,7 @@ def make_path(terrain: Terrain, start: float, end: float, swing: float) -> Path:
 
 @dataclass(frozen=True)
 class Drive:
-    """How a vehicle goes along a path."""
+    """Motion of a vehicle along a path."""
 
     speed: float  # m/s
     start: float = 0.0  # m: s at time 0
@@ -68,13 +68,13 @@ class Drive:
     backwards: bool = False  # against the path
 
     @property
-    def way(self) -> float:
+    def direction(self) -> float:
         """1 along the path, -1 against it."""
         return -1.0 if self.backwards else 1.0
 
 
 def scan_lines(path: Path, times: Array, drive: Drive) -> Lines:
-    """Give the true scan lines at `times` (l,) s; the vehicle tilts with the ground, and sways."""
+    """True scan lines at `times` (l,) s; the vehicle tilts with the ground, and sways."""
     frames = [_vehicle(path, drive, time) for time in times]
     origin = np.array([frame.point((0.0, 0.0, HEIGHT)) for frame in frames]).reshape(-1, 3)
     axes = np.array([frame.axes for frame in frames]).reshape(-1, 3, 3)
@@ -90,8 +90,8 @@ def directions(lines: Lines, line: Array, beam: Array) -> Array:
 
 
 def _vehicle(path: Path, drive: Drive, time: float) -> Frame:
-    """Where the vehicle is, x ahead, y to the left: it stands on its wheels, and sways a bit."""
-    way, d = drive.way, drive.aside
+    """Pose of the vehicle, x ahead, y to the left: on its wheels, with some sway."""
+    way, d = drive.direction, drive.aside
     s = drive.start + way * drive.speed * time
     frame = path.at(s, d)
     ahead, behind = path.at(s + way * 1.3, d).origin, path.at(s - way * 1.3, d).origin
@@ -108,14 +108,14 @@ def _vehicle(path: Path, drive: Drive, time: float) -> Frame:
 
 @dataclass(frozen=True)
 class Drift:
-    """What the registration gets wrong: a slow random walk of place and heading."""
+    """Error of the registration: a slow random walk of position and heading."""
 
     knots: Array  # (k,) s
     shift: Array  # (k, 3) m
     yaw: Array  # (k,) rad
 
-    def moved(self, times: Array, points: Array, origins: Array) -> Array:
-        """Points (n, 3) as registered at `times` (n,) from the scanner's `origins` (n, 3)."""
+    def apply(self, times: Array, points: Array, origins: Array) -> Array:
+        """Points (n, 3) as registered at `times` (n,), seen from `origins` (n, 3)."""
         yaw = np.interp(times, self.knots, self.yaw)
         beam = points - origins
         moved = points.copy()
@@ -127,16 +127,16 @@ class Drift:
 
 
 def make_drift(duration: float, size: float, rng: np.random.Generator) -> Drift:
-    """Make a drift with a standard deviation of `size` metres after 25 s."""
+    """A drift with a standard deviation of `size` m after 25 s."""
     knots = np.arange(0.0, duration + 2.0)
     steps = rng.normal(size=(len(knots), 4)) / np.sqrt(25.0)
     walk = size * (np.cumsum(steps, axis=0) - steps)
-    walk[:, 2] *= 0.5  # the height is known better
-    return Drift(knots, walk[:, :3], 0.02 * walk[:, 3])  # 0.001 rad where the place is off 5 cm
+    walk[:, 2] *= 0.5  # height is more accurate
+    return Drift(knots, walk[:, :3], 0.02 * walk[:, 3])  # 0.001 rad at a position error of 5 cm
 
 
-def chance_of_return(distance: Array, cosine: Array, reflectivity: Array) -> Array:
-    """Chance that the scanner gets an echo: less from far, dark and oblique surfaces."""
+def return_probability(distance: Array, cosine: Array, reflectivity: Array) -> Array:
+    """Probability of a return, which is lower from distant, dark and oblique surfaces."""
     signal = reflectivity * cosine / np.maximum(distance, NEAREST) ** 2
-    heard = (distance > NEAREST) & (distance < FARTHEST)
-    return np.where(heard, 1.0 - np.exp(-STRENGTH * signal), 0.0)
+    in_range = (distance > NEAREST) & (distance < FARTHEST)
+    return np.where(in_range, 1.0 - np.exp(-STRENGTH * signal), 0.0)

@@ -1,4 +1,4 @@
-"""The four scenes of the paper: what stands where along the lane, and how the ground rolls."""
+"""The four scenes: their items along the lane, and the shape of the ground."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ BEFORE, AFTER = 40.0, 110.0  # m of scene behind the start and beyond the end
 
 @dataclass(frozen=True)
 class Layout:
-    """What makes a scene: its ground and what is put on it."""
+    """Description of a scene: its ground and its items."""
 
     build: Callable[[Site], None]
-    swing: float  # rad: how far the lane's heading swings
+    swing: float  # rad: amplitude of the heading of the lane
     hills: float  # m: height of the long waves of the ground
-    bumps: float  # m: height of the short ones
+    bumps: float  # m: height of the short waves
     soil: float  # reflectivity of the ground
 
 
 @dataclass(frozen=True)
 class World:
-    """A scene to drive through."""
+    """A scene, ready to be scanned."""
 
     path: Path
     shapes: Shapes
@@ -35,7 +35,7 @@ class World:
 
 
 def make_world(name: str, length: float, seed: int) -> World:
-    """Lay out the scene `name` for a drive of `length` metres."""
+    """The scene `name` for a drive of `length` m."""
     layout = LAYOUTS[name]
     terrain = _terrain(layout, np.random.default_rng((seed, 0)))
     path = make_path(terrain, -BEFORE, length + AFTER, layout.swing)

@@ -1,4 +1,4 @@
-"""The solids and porous bodies of a scene, and what they are made of."""
+"""Solid and porous bodies of a scene, and their materials."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -11,7 +11,7 @@ BOX, CONE, ELLIPSOID = 0, 1, 2
 
 
 class Class(IntEnum):
-    """What a point belongs to; the numbers are those of the labelled scenes' `coarse`."""
+    """Class of a point; numbered like the field `coarse` of the recorded labelled scenes."""
 
     UNKNOWN = 0
     GROUND = 1  # kerbs and pavements too
@@ -25,11 +25,11 @@ class Class(IntEnum):
 
 
 class Material(NamedTuple):
-    """What a body is made of."""
+    """Material of a body."""
 
     kind: Class
     reflectivity: float = 0.4
-    density: float = 0.0  # 1/m: chance of a return per metre of beam inside; 0: solid
+    density: float = 0.0  # 1/m: rate of returns along a beam inside; 0: solid
     windows: bool = False  # a box's upright faces have rows of recessed windows
 
 
@@ -38,34 +38,34 @@ class Shapes(NamedTuple):
 
     form: Array  # (p,) int64: BOX, CONE or ELLIPSOID
     centre: Array  # (p, 3) m
-    axes: Array  # (p, 3, 3): columns are the body's own axes
+    axes: Array  # (p, 3, 3): columns are the axes of the body in the world
     size: Array  # (p, 3) m: half edges; radius below, radius above, half height; half axes
-    reach: Array  # (p,) m: no point is farther from the centre
+    radius: Array  # (p,) m: of a bounding sphere about the centre
     density: Array  # (p,) 1/m
     windows: Array  # (p,) bool
     reflectivity: Array  # (p,)
     kind: Array  # (p,) uint8, see Class
-    instance: Array  # (p,) uint32: which thing the body is a part of; 0: the ground
+    instance: Array  # (p,) uint32: number of the item that the body is part of; 0: ground
 
     def near(self, point: Array, distance: float) -> "Shapes":
-        """Those that come nearer to `point` than `distance`, in the same order."""
-        keep = np.linalg.norm(self.centre - point, axis=1) - self.reach < distance
+        """The bodies within `distance` m of a point (3,), in the same order."""
+        keep = np.linalg.norm(self.centre - point, axis=1) - self.radius < distance
         return Shapes(*(column[keep] for column in self))
 
 
 class Frame(NamedTuple):
-    """Where a thing stands: origin (3,) m, axes (3, 3) with the thing's own as columns."""
+    """Pose of an item in the world: origin (3,) m, axes (3, 3) as columns."""
 
     origin: Array
     axes: Array
 
     def point(self, at: tuple[float, float, float]) -> Array:
-        """(3,) m in the world of a place given in the thing's own axes."""
+        """Position (3,) m in the world of a position in this frame."""
         return np.asarray(self.origin + self.axes @ np.array(at))
 
     def moved(self, at: tuple[float, float, float], yaw: float = 0.0) -> "Frame":
-        """The frame at a place of this one, turned by `yaw` radians about its z axis."""
-        return Frame(self.point(at), self.axes @ turned(yaw))
+        """The frame at a position in this one, rotated by `yaw` rad about its z axis."""
+        return Frame(self.point(at), self.axes @ yaw_rotation(yaw))
 
 
 class Model:
@@ -73,11 +73,11 @@ class Model:
 
     def __init__(self) -> None:
         self._rows: list[tuple[object, ...]] = []
-        self._things = 0
+        self._items = 0
 
     def begin(self) -> None:
-        """Let the bodies from here on be parts of a new thing."""
-        self._things += 1
+        """Start a new item, of which the following bodies are parts."""
+        self._items += 1
 
     def box(
         self,
@@ -87,9 +87,9 @@ class Model:
         edges: tuple[float, float, float],
         pitch: float = 0.0,
     ) -> None:
-        """Add a box with the frame's axes, pitched by radians about its y axis."""
+        """Add a box with the axes of the frame, rotated by `pitch` rad about its y axis."""
         half = 0.5 * np.array(edges)
-        axes = frame.axes @ pitched(pitch)
+        axes = frame.axes @ pitch_rotation(pitch)
         self._add(BOX, material, frame.point(centre), axes, half, float(np.linalg.norm(half)))
 
     def ellipsoid(
@@ -99,7 +99,7 @@ class Model:
         centre: tuple[float, float, float],
         half_axes: tuple[float, float, float],
     ) -> None:
-        """Add an ellipsoid with the frame's axes."""
+        """Add an ellipsoid with the axes of the frame."""
         size = np.array(half_axes)
         self._add(ELLIPSOID, material, frame.point(centre), frame.axes, size, float(size.max()))
 
@@ -110,22 +110,28 @@ class Model:
         ends: tuple[tuple[float, float, float], tuple[float, float, float]],
         radii: tuple[float, float],
     ) -> None:
-        """Add a round rod between two places, with a radius at each."""
+        """Add a truncated cone between two positions, with a radius at each."""
         low, high = (frame.point(end) for end in ends)
         half = 0.5 * float(np.linalg.norm(high - low))
-        axes = along((high - low) / (2.0 * half))
-        reach = float(np.hypot(half, max(radii)))
-        self._add(CONE, material, 0.5 * (low + high), axes, np.array([*radii, half]), reach)
+        axes = axes_along((high - low) / (2.0 * half))
+        radius = float(np.hypot(half, max(radii)))
+        self._add(CONE, material, 0.5 * (low + high), axes, np.array([*radii, half]), radius)
 
     def _add(
-        self, form: int, material: Material, centre: Array, axes: Array, size: Array, reach: float
+        self, form: int, material: Material, centre: Array, axes: Array, size: Array, radius: float
     ) -> None:
-        thing = 0 if material.kind == Class.GROUND else self._things
-        rest = (reach, material.density, material.windows, material.reflectivity, material.kind)
-        self._rows.append((form, centre, axes, size, *rest, thing))
+        item = 0 if material.kind == Class.GROUND else self._items
+        properties = (
+            radius,
+            material.density,
+            material.windows,
+            material.reflectivity,
+            material.kind,
+        )
+        self._rows.append((form, centre, axes, size, *properties, item))
 
     def shapes(self) -> Shapes:
-        """Everything collected so far."""
+        """All bodies so far."""
         kinds = (np.int64, *[np.float64] * 5, np.bool_, np.float64, np.uint8, np.uint32)
         columns = zip(*self._rows, strict=True)
         return Shapes(
@@ -133,20 +139,20 @@ class Model:
         )
 
 
-def turned(yaw: float) -> Array:
-    """(3, 3) turn by `yaw` radians about z."""
-    c, s = np.cos(yaw), np.sin(yaw)
+def yaw_rotation(angle: float) -> Array:
+    """Rotation (3, 3) by `angle` rad about z."""
+    c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def pitched(angle: float) -> Array:
-    """(3, 3) turn by `angle` radians about y."""
+def pitch_rotation(angle: float) -> Array:
+    """Rotation (3, 3) by `angle` rad about y."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def along(direction: Array) -> Array:
-    """(3, 3) axes of which the third is the unit vector `direction`."""
+def axes_along(direction: Array) -> Array:
+    """Axes (3, 3) as columns, of which the third is the unit vector `direction`."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(helper, direction)
     first /= np.linalg.norm(first)

@@ -1,4 +1,4 @@
-"""Sweeps with known truth: a spinning scanner driven through a street, an estate, a wood."""
+"""Simulated drives: a rotating scanner on a vehicle, in scenes with ground truth."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ __all__ = ["FIELDS", "SCENES", "Class", "Scene", "boxes", "simulate", "trunk", "
 SCENES = tuple(LAYOUTS)
 START_NS = 1_700_000_000 * SECOND  # stamp of the first sweep
 SWEEPS_PER_SECOND = 10
-BLOCK = LINES_PER_SECOND  # lines cast together, and with one generator: a second
+BLOCK = LINES_PER_SECOND  # lines cast in one call and with one random generator: a second
 FIELDS = np.dtype(
     [
         ("x", np.float32),
@@ -29,14 +29,14 @@ FIELDS = np.dtype(
         ("intensity", np.float32),  # 0 to 100
         ("t", np.uint32),  # ns from the stamp
         ("class", np.uint8),  # see Class
-        ("instance", np.uint32),  # one number per thing; 0: the ground
+        ("instance", np.uint32),  # number of the item; 0: the ground
     ]
 )
 
 
 @dataclass(frozen=True)
-class Echoes:
-    """What came back of some scan lines, in the order of the beams."""
+class LineReturns:
+    """The returns of some scan lines, in the order of the beams."""
 
     points: Array  # (n, 3) float64 m, registered
     fields: Array  # (n,) of FIELDS; `t` still 0
@@ -45,36 +45,36 @@ class Echoes:
 
 @dataclass(frozen=True)
 class Scene(Checked):
-    """A drive through a scene: an iterable of sweeps of 0.1 s, the same ones every time.
+    """A drive through a scene: an iterable of sweeps of 0.1 s, identical in every iteration.
 
     `fields` of a sweep has the layout FIELDS. A tree is one instance: its wood is of class POLE,
-    its leaves are VEGETATION. Points are registered, as a SLAM front end would give them. The same
-    drive without drift gives the same points where they truly are, but for the noise.
+    its leaves are VEGETATION. Points are registered like those of a SLAM front end: in their true
+    positions but for noise and drift.
     """
 
-    name: str = setting("industrial", "what the vehicle drives through", allowed=SCENES)
-    seed: int = setting(0, "another seed, another street", low=0, high=2**32)
+    name: str = setting("industrial", "kind of scene", allowed=SCENES)
+    seed: int = setting(0, "of the scene and its noise", low=0, high=2**32)
     duration: float = setting(25.0, "length of the drive", unit="s", low=0.1, high=3600.0)
-    speed: float = setting(3.0, "of the vehicle", unit="m/s", low=0.0, high=30.0)
+    speed: float = setting(3.0, "speed of the vehicle", unit="m/s", low=0.0, high=30.0)
     noise: float = setting(0.015, "standard deviation of a range", unit="m", low=0.0, high=1.0)
     drift: float = setting(
         0.05, "standard deviation of the registration after 25 s", unit="m", low=0.0, high=10.0
     )
     noise_seed: int = setting(
         -1,
-        "another one, another noise and drift in the same street; -1: that of the street",
+        "of noise and drift, for another drive in the same scene; -1: that of the scene",
         low=-1,
         high=2**32,
     )
     start: float = setting(
-        0.0, "where on the lane the drive begins", unit="m", low=0.0, high=10_000.0
+        0.0, "position on the lane where the drive begins", unit="m", low=0.0, high=10_000.0
     )
-    aside: float = setting(0.0, "to the left of the lane", unit="m", low=-2.0, high=2.0)
-    backwards: bool = setting(False, "drive against the lane, towards its beginning")
+    aside: float = setting(0.0, "offset to the left of the lane", unit="m", low=-2.0, high=2.0)
+    backwards: bool = setting(False, "drive against the direction of the lane")
 
     @property
     def frame_id(self) -> str:
-        """The frame that the points are in."""
+        """The frame of the points."""
         return "odom"
 
     def __len__(self) -> int:
@@ -102,60 +102,58 @@ class Scene(Checked):
         return scanner.make_drift(self.duration, self.drift, self._rng(2))
 
     def _rng(self, *purpose: int) -> np.random.Generator:
-        """A generator for what is not of the street but of the drive."""
-        other = () if self.noise_seed < 0 else (self.noise_seed,)
-        return np.random.default_rng((self.seed, *purpose, *other))
+        """A random generator for the drive, which does not affect the scene."""
+        noise = () if self.noise_seed < 0 else (self.noise_seed,)
+        return np.random.default_rng((self.seed, *purpose, *noise))
 
     def _block(self, numbers: Array) -> Iterator[Sweep]:
-        """Yield the sweeps that the scan lines `numbers` make."""
-        echoes = self._scan(numbers, self._rng(3, int(numbers[0])))
+        """Yield the sweeps of the scan lines `numbers`."""
+        returns = self._scan(numbers, self._rng(3, int(numbers[0])))
         time_ns = numbers * SECOND // LINES_PER_SECOND
         sweep = numbers * SWEEPS_PER_SECOND // LINES_PER_SECOND
         for number in range(sweep[0], sweep[-1] + 1):
             stamp_ns = number * SECOND // SWEEPS_PER_SECOND
-            rows = slice(*np.searchsorted(sweep[echoes.line], [number, number + 1]))
-            fields = echoes.fields[rows].copy()
-            offsets_ns = time_ns[echoes.line[rows]] - stamp_ns
+            rows = slice(*np.searchsorted(sweep[returns.line], [number, number + 1]))
+            fields = returns.fields[rows].copy()
+            offsets_ns = time_ns[returns.line[rows]] - stamp_ns
             fields["t"] = offsets_ns
-            points = echoes.points[rows]
+            points = returns.points[rows]
             yield Sweep(START_NS + stamp_ns, points, offsets_ns, fields, self.frame_id)
 
-    def _scan(self, numbers: Array, rng: np.random.Generator) -> Echoes:
-        """Cast the scan lines `numbers` and keep what comes back."""
+    def _scan(self, numbers: Array, rng: np.random.Generator) -> LineReturns:
+        """The returns of the scan lines `numbers`, with noise and drift."""
         times = numbers / LINES_PER_SECOND
         world = self._world
         lines = scanner.scan_lines(world.path, times, self._drive)
         middle = 0.5 * (lines.origin[0] + lines.origin[-1])
         travel = float(np.linalg.norm(lines.origin[-1] - middle))
         shapes = world.shapes.near(middle, scanner.FARTHEST + travel)
-        luck = rng.random((2, len(numbers), len(ANGLES)))
-        noise = rng.standard_normal(luck.shape)
-        found = rays.cast(lines, ANGLES, luck[0], shapes, world.path.terrain)
+        uniform = rng.random((2, len(numbers), len(ANGLES)))
+        noise = rng.standard_normal(uniform.shape)
+        ends = rays.cast(lines, ANGLES, uniform[0], shapes, world.path.terrain)
 
-        reflectivity = np.append(shapes.reflectivity, [world.soil, 0.0])[found.body]
-        chance = scanner.chance_of_return(found.distance, found.cosine, reflectivity)
-        line, beam = np.nonzero(luck[1] < chance)
+        reflectivity = np.append(shapes.reflectivity, [world.soil, 0.0])[ends.body]
+        probability = scanner.return_probability(ends.distance, ends.cosine, reflectivity)
+        line, beam = np.nonzero(uniform[1] < probability)
         at = (line, beam)
-        distance = found.distance[at] + self.noise * noise[0][at]
+        distance = ends.distance[at] + self.noise * noise[0][at]
         true = lines.origin[line] + distance[:, None] * scanner.directions(lines, line, beam)
-        points = self._drift.moved(times[line], true, lines.origin[line])
-        points = points.astype(np.float32).astype(
-            np.float64
-        )  # what `fields`, and so a bag, can hold
+        points = self._drift.apply(times[line], true, lines.origin[line])
+        points = points.astype(np.float32).astype(np.float64)  # as in `fields`, and so in a bag
 
         fields = np.zeros(len(points), FIELDS)
         for name, column in zip("xyz", points.T, strict=True):
             fields[name] = column
-        shine = 100.0 * reflectivity[at] * np.sqrt(found.cosine[at]) + 2.0 * noise[1][at]
-        fields["intensity"] = np.clip(shine, 0.0, 100.0)
-        fields["class"] = np.append(shapes.kind, [Class.GROUND, Class.UNKNOWN])[found.body[at]]
-        fields["instance"] = np.append(shapes.instance, [0, 0])[found.body[at]]
-        return Echoes(points, fields, line)
+        intensity = 100.0 * reflectivity[at] * np.sqrt(ends.cosine[at]) + 2.0 * noise[1][at]
+        fields["intensity"] = np.clip(intensity, 0.0, 100.0)
+        fields["class"] = np.append(shapes.kind, [Class.GROUND, Class.UNKNOWN])[ends.body[at]]
+        fields["instance"] = np.append(shapes.instance, [0, 0])[ends.body[at]]
+        return LineReturns(points, fields, line)
 
 
 def simulate(scene: str, **settings: Any) -> Scene:
-    """Drive through one of SCENES; settings as in Scene, such as `seed` and `duration`.
+    """A drive through one of SCENES; settings: fields of Scene, such as `seed` and `duration`.
 
-    ConfigError if there is no such scene or a setting is out of range.
+    Raises ConfigError for an unknown scene or a setting out of range.
     """
     return Scene(scene, **settings)

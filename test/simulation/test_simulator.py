@@ -1,4 +1,4 @@
-"""Facts about the simulated world: what stands where, what a beam meets, and what is true."""
+"""Simulated scenes, the scanner, ray casting, and the ground truth of points."""
 
 from functools import lru_cache
 
@@ -28,14 +28,14 @@ def classes(sweep):
     return sweep.fields["class"]
 
 
-def look(model, directions, origin=(0.0, 0.0, 1.0), luck=0.5, terrain=FLAT):
-    """Cast one beam a line; a line without a side looks straight ahead."""
+def cast_beams(model, directions, origin=(0.0, 0.0, 1.0), uniform=0.5, terrain=FLAT):
+    """Distance, body and cosine of beams cast with one scan line each, straight ahead."""
     forward = np.asarray(directions, float)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     lines = Lines(np.tile(np.array(origin), (len(forward), 1)), forward, np.zeros_like(forward))
     side = np.cross(forward, [0.6, 0.0, 0.8])
     lines = lines._replace(side=side / np.linalg.norm(side, axis=1, keepdims=True))
-    chances = np.broadcast_to(np.reshape(luck, (-1, 1)), (len(forward), 1)).copy()
+    chances = np.broadcast_to(np.reshape(uniform, (-1, 1)), (len(forward), 1)).copy()
     found = rays.cast(lines, np.zeros(1), chances, model.shapes(), terrain)
     return found.distance[:, 0], found.body[:, 0], found.cosine[:, 0]
 
@@ -44,7 +44,7 @@ def look(model, directions, origin=(0.0, 0.0, 1.0), luck=0.5, terrain=FLAT):
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_drive_has_the_points_that_a_sick_gets(name):
+def test_drive_has_as_many_points_as_a_sick_lms_returns(name):
     assert 140_000 <= len(drive(name)) <= 190_000
 
 
@@ -60,7 +60,7 @@ def test_times_ascend_within_the_drive(name):
 
 @pytest.mark.nojit
 @pytest.mark.parametrize("duration", [0.1, 0.25])
-def test_a_sweep_holds_a_tenth_of_a_second_and_fields_say_the_same(duration):
+def test_sweep_is_a_tenth_of_a_second_and_equals_its_fields(duration):
     scene = simulate("roadway", duration=duration)
     sweeps = list(scene)
     assert len(sweeps) == len(scene)
@@ -74,17 +74,17 @@ def test_a_sweep_holds_a_tenth_of_a_second_and_fields_say_the_same(duration):
 
 
 @pytest.mark.parametrize("duration", [0.11, 0.79, 1.0, 2.32])
-def test_the_length_of_a_scene_is_the_number_of_its_sweeps(duration):
+def test_length_of_a_scene_is_the_number_of_its_sweeps(duration):
     scene = simulate("woodland", duration=duration)
     assert len(scene) == len(list(scene))
 
 
-def test_the_same_seed_is_the_same_drive_and_another_is_not():
+def test_drives_are_equal_only_for_equal_seeds():
     scene = simulate("mixed", seed=3, duration=2.0)
-    first, again, anew = (
+    first, second, rebuilt = (
         join_sweeps(list(s)) for s in (scene, scene, simulate("mixed", seed=3, duration=2.0))
     )
-    for other in (again, anew):
+    for other in (second, rebuilt):
         assert np.array_equal(first.points, other.points)
         assert np.array_equal(first.fields, other.fields)
     other = drive("mixed", seed=4, duration=2.0)
@@ -92,28 +92,28 @@ def test_the_same_seed_is_the_same_drive_and_another_is_not():
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_longer_drive_begins_as_a_shorter_one(name):
+def test_longer_drive_begins_like_a_shorter_one(name):
     short, long = (list(simulate(name, seed=1, duration=d)) for d in (2.0, 12.0))
     for one, other in zip(short, long, strict=False):
         assert np.array_equal(one.points, other.points)
         assert np.array_equal(classes(one), classes(other))
 
 
-def test_bad_settings_are_refused_in_one_line():
+def test_invalid_settings_are_refused_in_one_line():
     with pytest.raises(ConfigError, match="^name is 'moon'; it must be one of woodland, "):
         simulate("moon")
     with pytest.raises(ConfigError, match="^duration is -1; it must be from 0.1 to 3600 s"):
         simulate("mixed", duration=-1.0)
 
 
-def test_every_setting_has_a_meaning():
+def test_every_setting_is_described():
     assert all(about.about for _, _, about in walk(Scene()))
 
 
 # --- the scanner
 
 
-def test_the_returns_of_a_line_lie_in_one_plane_on_beams_a_degree_apart():
+def test_returns_of_a_line_are_in_one_plane_on_beams_one_degree_apart():
     scene = simulate("industrial", duration=1.0, **EXACT)
     sweep = join_sweeps(list(scene))
     numbers = np.arange(75)
@@ -128,14 +128,14 @@ def test_the_returns_of_a_line_lie_in_one_plane_on_beams_a_degree_apart():
     assert np.abs(angle - np.rint(angle))[distance > 2.0].max() < 0.01
 
 
-def test_the_scan_plane_turns_half_way_in_a_second():
+def test_scan_plane_rotates_by_half_a_turn_per_second():
     path = simulate("industrial")._world.path
     sides = scanner.scan_lines(path, np.array([0.0, 0.5, 1.0]), scanner.Drive(speed=0.0)).side
     assert abs(sides[0] @ sides[1]) < 0.1
     assert sides[0] @ sides[2] < -0.99
 
 
-def test_the_same_street_can_be_driven_again_with_other_noise_the_other_way():
+def test_second_drive_in_the_opposite_direction_has_the_same_scene():
     there = simulate("industrial", duration=4.0, seed=3)
     back = simulate(
         "industrial", duration=2.0, seed=3, noise_seed=1, start=12.0, speed=6.0, backwards=True
@@ -152,7 +152,7 @@ def test_the_same_street_can_be_driven_again_with_other_noise_the_other_way():
     assert np.linalg.norm(beside.origin - lines[0].origin) == pytest.approx(1.0, abs=0.03)
 
 
-def test_another_seed_of_noise_changes_the_noise_alone():
+def test_noise_seed_changes_the_noise_only():
     exact = {"duration": 0.3, "seed": 1, **EXACT}
     one, other = (join_sweeps(list(simulate("roadway", noise_seed=k, **exact))) for k in (1, 2))
     solid = [np.isin(s.fields["class"], (Class.GROUND, Class.WALL)) for s in (one, other)]
@@ -162,10 +162,10 @@ def test_another_seed_of_noise_changes_the_noise_alone():
     ]
     both = np.concatenate(near)
     assert len(both) - len(np.unique(both, axis=0)) > 0.7 * min(map(len, near))
-    assert len(one) != len(other)  # other echoes are lost
+    assert len(one) != len(other)  # different returns are lost
 
 
-def test_noise_has_the_size_that_was_asked_for():
+def test_noise_has_the_requested_standard_deviation():
     noisy, exact = (
         drive("roadway", duration=1.0, drift=0.0, noise=noise) for noise in (0.03, 0.0)
     )
@@ -173,7 +173,7 @@ def test_noise_has_the_size_that_was_asked_for():
     assert np.sqrt(np.mean(error**2)) == pytest.approx(0.03, rel=0.05)
 
 
-def test_drift_begins_at_nothing_and_grows_slowly():
+def test_drift_begins_at_zero_and_grows_slowly():
     drifted, exact = (drive("roadway", noise=0.0, drift=drift) for drift in (0.1, 0.0))
     error = drifted.points - exact.points
     second = (exact.times_ns - simulator.START_NS) // 1_000_000_000
@@ -183,9 +183,9 @@ def test_drift_begins_at_nothing_and_grows_slowly():
     assert np.linalg.norm(np.diff(means, axis=0), axis=1).max() < 0.12
 
 
-def test_dark_far_and_oblique_surfaces_answer_less():
+def test_dark_distant_and_oblique_surfaces_return_less():
     def chance(distance=10.0, cosine=0.5, reflectivity=0.1):
-        return scanner.chance_of_return(np.array(distance), cosine, reflectivity)
+        return scanner.return_probability(np.array(distance), cosine, reflectivity)
 
     usual = chance()
     assert 0.0 < chance(distance=20.0) < usual < 1.0
@@ -203,7 +203,7 @@ def test_classes_are_numbered_as_in_the_labelled_scenes():
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_all_but_the_ground_is_some_thing(name):
+def test_every_point_off_the_ground_has_an_instance(name):
     sweep = drive(name)
     assert not (classes(sweep) == Class.UNKNOWN).any()
     assert np.array_equal(sweep.fields["instance"] == 0, classes(sweep) == Class.GROUND)
@@ -218,13 +218,13 @@ def test_all_but_the_ground_is_some_thing(name):
         ("mixed", [1, 2, 3, 4, 5, 6, 7, 8]),
     ],
 )
-def test_a_scene_shows_what_its_name_promises(name, kinds):
+def test_scene_has_the_classes_of_its_kind(name, kinds):
     count = np.bincount(classes(drive(name)), minlength=9)
     assert list(np.flatnonzero(count)) == kinds
     assert count[kinds].min() > 100
 
 
-def test_a_thing_is_of_one_class_but_for_trees_and_their_leaves():
+def test_instance_has_one_class_unless_it_is_a_tree():
     sweep = drive("mixed")
     pairs = np.unique(np.column_stack([sweep.fields["instance"], classes(sweep)]), axis=0)
     several = {
@@ -239,7 +239,7 @@ def test_a_thing_is_of_one_class_but_for_trees_and_their_leaves():
 @pytest.mark.parametrize(
     ("name", "kerb"), [("woodland", 0.0), ("industrial", 0.0), ("roadway", 0.13)]
 )
-def test_ground_lies_on_the_ground(name, kerb):
+def test_ground_points_are_on_the_terrain(name, kerb):
     scene = simulate(name, duration=4.0, **EXACT)
     sweep = join_sweeps(list(scene))
     ground = sweep.points[classes(sweep) == Class.GROUND]
@@ -249,24 +249,24 @@ def test_ground_lies_on_the_ground(name, kerb):
     assert (np.abs(above) < 0.01).mean() > 0.6
 
 
-def test_crowns_have_returns_through_their_depth_and_facades_do_not():
+def test_crowns_have_returns_through_their_depth():
     sweep = drive("roadway", **EXACT)
 
-    def least_spread(kind):
+    def smallest_spread(kind):
         rows = classes(sweep) == kind
-        things = sweep.fields["instance"][rows]
+        instances = sweep.fields["instance"][rows]
         spread = []
-        for thing in np.unique(things):
-            points = sweep.points[rows][things == thing]
+        for instance in np.unique(instances):
+            points = sweep.points[rows][instances == instance]
             if len(points) > 250:
                 spread.append(np.sqrt(np.linalg.eigvalsh(np.cov(points.T))[0]))
         return np.array(spread)
 
-    crowns = least_spread(Class.VEGETATION)
+    crowns = smallest_spread(Class.VEGETATION)
     assert len(crowns) > 5 and np.median(crowns) > 0.3
 
 
-def test_a_wall_of_the_scene_is_a_plane():
+def test_walls_of_a_scene_are_plane():
     sweep = drive("industrial", drift=0.0)
     scene = simulate("industrial", drift=0.0)
     shapes = scene._world.shapes
@@ -289,37 +289,37 @@ def test_a_wall_of_the_scene_is_a_plane():
 
 
 @pytest.mark.nojit
-def test_a_beam_ends_at_the_face_of_a_box():
+def test_beam_ends_at_the_face_of_a_box():
     model = Model()
     model.begin()
     model.box(HERE, STEEL, (5.0, 0.0, 1.0), (2.0, 4.0, 2.0))
-    distance, body, cosine = look(model, [[1, 0, 0], [1, 0.25, 0], [0, 1, 0], [-1, 0, 0]])
+    distance, body, cosine = cast_beams(model, [[1, 0, 0], [1, 0.25, 0], [0, 1, 0], [-1, 0, 0]])
     assert np.allclose(distance, [4.0, 4.0 * np.hypot(1, 0.25), rays.FAR, rays.FAR])
     assert list(body) == [0, 0, rays.NOTHING, rays.NOTHING]
     assert np.allclose(cosine[:2], [1.0, 1.0 / np.hypot(1, 0.25)])
 
 
 @pytest.mark.nojit
-def test_a_beam_ends_at_a_stem_a_ball_and_the_nearest_of_two():
+def test_beam_ends_at_a_cone_an_ellipsoid_and_the_nearest_body():
     model = Model()
     model.begin()
     model.cone(HERE, STEEL, ((6.0, 0.0, 0.0), (6.0, 0.0, 4.0)), (0.5, 0.3))
     model.ellipsoid(HERE, STEEL, (0.0, 8.0, 1.0), (1.0, 2.0, 3.0))
     model.ellipsoid(HERE, STEEL, (20.0, 0.0, 1.0), (1.0, 1.0, 1.0))
-    distance, body, cosine = look(model, [[1, 0, 0], [0, 1, 0], [1, 0, 0.9]])
+    distance, body, cosine = cast_beams(model, [[1, 0, 0], [0, 1, 0], [1, 0, 0.9]])
     assert np.allclose(distance[:2], [6.0 - 0.45, 6.0])
     assert list(body) == [0, 1, rays.NOTHING]
     assert np.allclose(cosine[:2], 1.0, atol=0.01)
 
 
 @pytest.mark.nojit
-def test_a_beam_ends_on_rolling_ground():
+def test_beam_ends_on_rolling_ground():
     terrain = Terrain(np.array([0.4, 0.1]), np.array([[0.3, 0.1], [0.0, 2.0]]), np.zeros(2), 0.4)
     down = np.array([[1, 0, -0.3], [0.3, -1, -0.15], [0, 0, -1], [1, 1, 0.5]])
     model = Model()
     model.begin()
     model.ellipsoid(HERE, STEEL, (0.0, 0.0, 90.0), (1.0, 1.0, 1.0))
-    distance, body, _ = look(model, down, terrain=terrain)
+    distance, body, _ = cast_beams(model, down, terrain=terrain)
     assert list(body) == [rays.GROUND] * 3 + [rays.NOTHING]
     unit = down / np.linalg.norm(down, axis=1, keepdims=True)
     for end in np.array([0.0, 0.0, 1.0]) + distance[:3, None] * unit[:3]:
@@ -327,12 +327,12 @@ def test_a_beam_ends_on_rolling_ground():
 
 
 @pytest.mark.nojit
-def test_leaves_let_beams_in_as_deep_as_their_density_says():
+def test_depth_of_returns_in_leaves_follows_their_density():
     model = Model()
     model.begin()
     model.box(HERE, Material(Class.VEGETATION, density=2.0), (55.0, 0.0, 1.0), (100.0, 4.0, 2.0))
-    luck = (np.arange(400) + 0.5) / 400.0
-    distance, _, _ = look(model, np.tile([1.0, 0.0, 0.0], (400, 1)), luck=luck)
+    uniform = (np.arange(400) + 0.5) / 400.0
+    distance, _, _ = cast_beams(model, np.tile([1.0, 0.0, 0.0], (400, 1)), uniform=uniform)
     depth = distance - 5.0
     assert depth.min() >= 0.0
     assert np.mean(depth) == pytest.approx(0.5, rel=0.03)  # 1 / density
@@ -340,35 +340,35 @@ def test_leaves_let_beams_in_as_deep_as_their_density_says():
 
 
 @pytest.mark.nojit
-def test_a_stem_is_seen_through_thin_leaves():
+def test_stem_is_visible_through_thin_leaves():
     model = Model()
     model.begin()
     model.ellipsoid(
         HERE, Material(Class.VEGETATION, density=0.5), (6.0, 0.0, 1.0), (2.0, 2.0, 2.0)
     )
     model.cone(HERE, STEEL, ((6.0, 0.0, -1.0), (6.0, 0.0, 3.0)), (0.2, 0.2))
-    luck = (np.arange(100) + 0.5) / 100.0
-    distance, body, _ = look(model, np.tile([1.0, 0.0, 0.0], (100, 1)), luck=luck)
+    uniform = (np.arange(100) + 0.5) / 100.0
+    distance, body, _ = cast_beams(model, np.tile([1.0, 0.0, 0.0], (100, 1)), uniform=uniform)
     assert (body == 1).mean() == pytest.approx(np.exp(-0.5 * 1.8), abs=0.02)
     assert np.allclose(distance[body == 1], 5.8)
 
 
 @pytest.mark.nojit
-def test_panes_lie_behind_the_wall_and_answer_weakly():
+def test_panes_are_recessed_and_return_weakly():
     model = Model()
     model.begin()
     model.box(HERE, Material(Class.WALL, windows=True), (6.0, 0.0, 1.5), (2.0, 2.8, 3.0))
     pane, wall = [1.0, 0.0, 0.13], [1.0, 0.23, 0.0]
-    distance, _, cosine = look(model, [pane, wall])
+    distance, _, cosine = cast_beams(model, [pane, wall])
     along_x = distance / [np.linalg.norm(pane), np.linalg.norm(wall)]
-    assert np.allclose(along_x, [5.0 + rays.RECESS, 5.0])
+    assert np.allclose(along_x, [5.0 + rays.WINDOW_RECESS, 5.0])
     assert cosine[0] < 0.3 < cosine[1]
 
 
-# --- single things
+# --- single items
 
 
-def test_a_wall_has_its_size_and_the_noise_of_ranges():
+def test_wall_has_its_size_and_range_noise():
     sweep, truth = simulator.wall(np.random.default_rng(0), width=10.0, height=4.0)
     assert len(sweep) == len(truth) == 2400 and set(truth) == {1}
     assert np.allclose(np.ptp(sweep.points, axis=0)[1:], [10.0, 4.0], atol=0.1)
@@ -376,7 +376,7 @@ def test_a_wall_has_its_size_and_the_noise_of_ranges():
     assert abs(sweep.points[:, 0].mean() - 8.0) < 0.002
 
 
-def test_a_trunk_is_round_and_upright():
+def test_trunk_is_round_and_upright():
     sweep, _ = simulator.trunk(np.random.default_rng(0), radius=0.25, height=5.0)
     from_axis = np.hypot(sweep.points[:, 0] - 6.0, sweep.points[:, 1])
     assert abs(from_axis.mean() - 0.25) < 0.01 and from_axis.std() < 0.02
@@ -384,7 +384,7 @@ def test_a_trunk_is_round_and_upright():
     assert (sweep.points[:, 0] < 6.06).all()
 
 
-def test_boxes_keep_their_gap():
+def test_boxes_have_the_requested_gap():
     sweep, truth = simulator.boxes(gap=1.0, rng=np.random.default_rng(0))
     assert set(truth) == {1, 2, 3, 4}
     for box in (1, 2, 3):

@@ -1,4 +1,4 @@
-"""What people put into streets and yards: vehicles, posts, wires, fences, goods, themselves."""
+"""Items of streets and yards: vehicles, people, posts, wires, fences, goods."""
 
 import numpy as np
 
@@ -105,7 +105,7 @@ def masts_and_wires(model: Model, frames: list[Frame], height: float = 8.5) -> N
 
 
 def _wire(model: Model, start: Array, end: Array, parts: int = 8) -> None:
-    """Thicker than a wire is, as is the spot of the beam."""
+    """A sagging wire; thicker than in reality, like the spot of the beam."""
     world = Frame(np.zeros(3), np.eye(3))
     share = np.linspace(0.0, 1.0, parts + 1)[:, None]
     nodes = start + share * (end - start) - np.array([0.0, 0.0, 3.2]) * share * (1.0 - share)
@@ -165,7 +165,7 @@ def pallets(model: Model, at: Frame, rng: np.random.Generator) -> None:
 
 
 def container(model: Model, at: Frame, storeys: int, long: float = 6.06) -> None:
-    """Shipping containers on one another, along x."""
+    """Stacked shipping containers, along x."""
     for k in range(storeys):
         model.begin()
         steel = Material(Class.WALL, 0.4)
