@@ -1,4 +1,4 @@
-"""The points of groups of segments: which they are, and the boxes around them."""
+"""Points of groups of segments, and their bounding boxes."""
 
 from typing import NamedTuple
 
@@ -9,37 +9,37 @@ from ellipseg_ros.records import Array
 
 
 class Members(NamedTuple):
-    """The points of every group, ascending: rows[starts[g]:starts[g + 1]] are those of group g."""
+    """Points of every group, ascending: rows[starts[g]:starts[g + 1]] are those of group g."""
 
     starts: Array  # (g + 1,) int64
     rows: Array  # (m,) int64
 
 
 class Boxes(NamedTuple):
-    """Boxes along the axes of the frame, m; g of them."""
+    """Bounding boxes along the axes of the frame, m; g of them."""
 
     low: Array  # (g, 3)
     high: Array  # (g, 3)
 
 
-def members(labels: Array, group: Array, count: int) -> Members:
+def group_members(labels: Array, group: Array, count: int) -> Members:
     """The points of groups of segments.
 
     labels (n,) int32: the segment of every point, negative for none; group (s,) int32: the group
-    of every segment, negative for none.
+    of every segment, negative for none; count: of groups.
     """
     starts = np.zeros(count + 1, np.int64)
     _count(labels, group, starts)
     np.cumsum(starts, out=starts)
     rows = np.empty(starts[-1], np.int64)
-    _deal(labels, group, starts[:-1].copy(), rows)
+    _distribute(labels, group, starts[:-1].copy(), rows)
     return Members(starts, rows)
 
 
-def boxes(points: Array, labels: Array, group: Array, count: int) -> Boxes:
-    """The boxes around the points (n, 3) of groups; labels, group: as for `members`."""
+def group_boxes(points: Array, labels: Array, group: Array, count: int) -> Boxes:
+    """Bounding boxes of the points (n, 3) of groups; labels, group: as for `group_members`."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    _boxes(points, labels, group, low, high)
+    _extend(points, labels, group, low, high)
     return Boxes(low, high)
 
 
@@ -51,7 +51,7 @@ def _count(labels, group, starts):
 
 
 @kernel
-def _deal(labels, group, place, rows):
+def _distribute(labels, group, place, rows):
     for i in range(len(labels)):
         if labels[i] >= 0 and group[labels[i]] >= 0:
             into = group[labels[i]]
@@ -60,7 +60,7 @@ def _deal(labels, group, place, rows):
 
 
 @kernel
-def _boxes(points, labels, group, low, high):
+def _extend(points, labels, group, low, high):
     for i in range(len(labels)):
         if labels[i] >= 0 and group[labels[i]] >= 0:
             into = group[labels[i]]

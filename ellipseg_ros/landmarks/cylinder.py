@@ -1,25 +1,29 @@
-"""Round bodies fitted to points on some side of them, by least squares of radial distances."""
+"""Cones and cylinders fitted to points on some side of them, by least squares of distances."""
 
 import math
 
 import numpy as np
 
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.landmarks.fits import cholesky, solve
+from ellipseg_ros.core.linalg.cholesky import factorize, solve
+from ellipseg_ros.landmarks.fits import add_observation
 
-PARAMETERS = 6  # offset along u and v, m; slope along u and v; radius, m; change of it along
-RADIUS_PRIOR = 0.1  # m, standard deviation about where it starts: little is seen of some sides
-TAPER_PRIOR = 0.03
-NOISE = 0.03  # m, of a point, against which the priors weigh
-STEPS = 10  # of Gauss and Newton's method
-CUT = 2.5  # standard deviations from which on a point does not count,
-SMALL = 1e-4  # m: a step that ends the search
-ALL = 3  # after so many steps with all points
+PARAMETERS = 6  # offset along u, v, m; slope along u, v; radius, m; change of the radius along
+RADIUS, TAPER = 4, 5  # places of the last two
+RADIUS_PRIOR = 0.1  # m, standard deviation about the first radius: one side alone tells little
+TAPER_PRIOR = 0.03  # standard deviation
+NOISE = 0.03  # m: standard deviation of a point, against which the priors weigh
+MAX_STEPS = 10  # of Gauss-Newton
+STEPS_WITH_ALL = 3  # steps before outliers are left out
+CUT_SIGMAS = 2.5  # standard deviations from the surface beyond which a point is an outlier
+STEP_TOLERANCE = 1e-4  # m: a smaller step is the last
+MIN_SURPLUS = 4  # points beyond the number of parameters
+RIDGE = 1e-6  # by point: points on one line leave one side undetermined
 
 
 @kernel
-def place(points, i, point, axis):
-    """Where a point is, along an axis and aside from it."""
+def axial(points, i, point, axis):
+    """Coordinate of a point along an axis, and its distance from it, m."""
     x, y, z = points[i, 0] - point[0], points[i, 1] - point[1], points[i, 2] - point[2]
     along = x * axis[0] + y * axis[1] + z * axis[2]
     return along, math.sqrt(max(0.0, x * x + y * y + z * z - along * along))
@@ -28,21 +32,17 @@ def place(points, i, point, axis):
 @kernel
 def across(axis):
     """Unit vectors u and v so that axis, u, v is a right-handed frame."""
-    least = 0
+    smallest = 0
     for k in range(1, 3):
-        if abs(axis[k]) < abs(axis[least]):
-            least = k
-    u = -axis[least] * axis
-    u[least] += 1.0
+        if abs(axis[k]) < abs(axis[smallest]):
+            smallest = k
+    u = -axis[smallest] * axis
+    u[smallest] += 1.0
     u /= math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    v = np.array(
-        [
-            axis[1] * u[2] - axis[2] * u[1],
-            axis[2] * u[0] - axis[0] * u[2],
-            axis[0] * u[1] - axis[1] * u[0],
-        ]
-    )
-    return u, v
+    x = axis[1] * u[2] - axis[2] * u[1]
+    y = axis[2] * u[0] - axis[0] * u[2]
+    z = axis[0] * u[1] - axis[1] * u[0]
+    return u, np.array([x, y, z])
 
 
 @kernel
@@ -62,15 +62,15 @@ def residual(points, i, point, u, v, axis, fit, jacobian):
 
 @kernel
 def fit_cylinder(points, rows, point, axis, fit):
-    """Fit a round body to points; returns their standard deviation from it, m, or inf.
+    """Fit a cone to points; returns their standard deviation from it, m, or inf if that fails.
 
-    rows: of the points; point, axis: a first axis; fit (PARAMETERS,): of the true one against it,
-    filled in; fit[4] is what the radius is expected to be.
+    rows: of the points; point, axis: of a first axis; fit (PARAMETERS,): of the cone against that
+    axis, filled in; its radius is the expected one on input.
     """
     u, v = across(axis)
-    expected = fit[4]
+    expected = fit[RADIUS]
     fit[:] = 0.0
-    fit[4] = expected
+    fit[RADIUS] = expected
     for i in rows:
         for k in range(3):
             fit[0] += (points[i, k] - point[k]) * u[k] / len(rows)
@@ -78,31 +78,27 @@ def fit_cylinder(points, rows, point, axis, fit):
     matrix = np.empty((PARAMETERS, PARAMETERS))
     step, jacobian = np.empty(PARAMETERS), np.empty(PARAMETERS)
     cut, spread = math.inf, math.inf
-    for number in range(STEPS):
+    for number in range(MAX_STEPS):
         matrix[:] = 0.0
         step[:] = 0.0
         total, kept = 0.0, 0
         for i in rows:
             error = residual(points, i, point, u, v, axis, fit, jacobian)
-            if abs(error) > cut:
-                continue
-            kept += 1
-            total += error * error
-            for m in range(PARAMETERS):
-                step[m] += jacobian[m] * error
-                for n in range(m + 1):
-                    matrix[m, n] += jacobian[m] * jacobian[n]
-        if kept < PARAMETERS + 4:
+            if abs(error) <= cut:
+                kept += 1
+                total += error * error
+                add_observation(jacobian, error, matrix, step)
+        if kept < PARAMETERS + MIN_SURPLUS:
             return math.inf
         _add_priors(matrix, step, expected, fit, kept)
         spread = math.sqrt(total / (kept - PARAMETERS))
-        if not cholesky(matrix):
+        if not factorize(matrix, PARAMETERS):
             return math.inf
-        solve(matrix, step)
+        solve(matrix, PARAMETERS, step)
         fit += step
-        if number >= ALL:
-            cut = CUT * spread
-        if number > ALL and np.abs(step).max() < SMALL:
+        if number >= STEPS_WITH_ALL:
+            cut = CUT_SIGMAS * spread
+        if number > STEPS_WITH_ALL and np.abs(step).max() < STEP_TOLERANCE:
             break
     return spread
 
@@ -110,10 +106,10 @@ def fit_cylinder(points, rows, point, axis, fit):
 @kernel
 def _add_priors(matrix, step, expected, fit, kept):
     weight = (NOISE / RADIUS_PRIOR) ** 2
-    matrix[4, 4] += weight
-    step[4] += weight * (expected - fit[4])
+    matrix[RADIUS, RADIUS] += weight
+    step[RADIUS] += weight * (expected - fit[RADIUS])
     weight = (NOISE / TAPER_PRIOR) ** 2
-    matrix[5, 5] += weight
-    step[5] -= weight * fit[5]
+    matrix[TAPER, TAPER] += weight
+    step[TAPER] -= weight * fit[TAPER]
     for m in range(4):
-        matrix[m, m] += 1e-6 * kept  # points on one line leave one side open
+        matrix[m, m] += RIDGE * kept

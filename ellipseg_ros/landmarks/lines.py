@@ -1,4 +1,4 @@
-"""Lines that can be found again: trunks, poles, pipes, as round things that stand out."""
+"""Line landmarks: trunks, poles and pipes, as long round things with free space around them."""
 
 import math
 from typing import NamedTuple
@@ -9,45 +9,85 @@ from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.flat_moments import COUNT, EIGENVALUES, MEAN, V1
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.members import Boxes, Members
-from ellipseg_ros.landmarks.cylinder import PARAMETERS, across, fit_cylinder, place, residual
-from ellipseg_ros.landmarks.fits import CHUNKS, Fits, chosen, no_fits, passages, uncertainty
+from ellipseg_ros.landmarks.cylinder import (
+    PARAMETERS,
+    RADIUS,
+    RADIUS_PRIOR,
+    TAPER,
+    TAPER_PRIOR,
+    across,
+    axial,
+    fit_cylinder,
+    residual,
+)
+from ellipseg_ros.landmarks.fits import (
+    CHUNKS,
+    Fits,
+    add_observation,
+    add_to_box,
+    count_passes,
+    fit_covariance,
+    new_fits,
+    renumber,
+    select_fits,
+)
 from ellipseg_ros.records import Array
 
-LONG = 0.25  # m: least standard deviation along a segment that a line is looked for at,
-LONGEST = 1000.0  # m: and at most, for a stray point far away stretches a segment without end,
-WIDE = 0.35  # m: and the largest across,
-THIN = 0.5  # and as a share of that along
-SHEET = 0.08  # m: thickness of a piece of ground or wall, if it is as wide as LONG
-FEW = 12  # points that such a segment has at least
-STRIP = 0.03  # m: a segment no thicker may be a strip of something round and wider
-WIDEST = 0.45  # m: largest radius, points that stick out included
-SHORTEST = 1.0  # m: least length of a line
-TAPERING = 0.1  # largest change of the radius along it
-NEAR = (2.0, 15.0)  # m across and along: segments this near to a first axis are looked at
+# Seeds: segments from which lines grow
+MIN_SEED_SIGMA = 0.25  # m: smallest standard deviation along a seed
+MAX_SEED_SIGMA = 1000.0  # m: the largest; a stray point far away stretches a segment endlessly
+MAX_SEED_WIDTH = 0.35  # m: largest standard deviation across a seed
+MAX_SEED_ASPECT = 0.5  # width by length of a seed
+SHEET_THICKNESS = 0.08  # m: a seed thinner than this, and wide, is a piece of ground or wall
+MIN_POINTS = 12  # of a seed, and of a line
+STRIP_THICKNESS = 0.03  # m: a thinner seed may be a strip of something round and wider
+MAX_TAKEN = 0.3  # share of the points that other lines have, of a seed or a line
+
+# First axis of a seed: the best of lines through pairs of its points
+TRIALS = 24  # pairs
+TRIAL_DISTANCE = 0.25  # m: points nearer to a trial axis support it
+FIRST_PAIR, SECOND_PAIR = 7919, 6101  # primes: different pairs in every trial
+
+# Growth along the axis
+ROUNDS = 6  # of collecting and fitting
 BIN = 0.2  # m along the axis
-AROUND = 0.25  # m: a tube around the line that is to be free
-REACH = 1.0  # m beyond its ends where its continuation is looked for, at a time
-HOLE = 4  # bins without a point that do not end a line
-ROUNDS = 6
-TRIALS = 24
-CLOSE = 0.25  # m: from an axis that is tried
+REACH = 1.0  # m beyond the ends where points of the continuation are collected
+NEAR_ACROSS, NEAR_ALONG = 2.0, 15.0  # m: segments this near to the first axis are considered
+CLEARANCE = 0.25  # m: a tube of this width around the line must be free
+MAX_AROUND = 0.5  # points in that tube, by points in the line: with more, a bin is crowded
+MAX_HOLE = 4  # empty bins that do not end a line; a crowded one counts twice
+TUBE_SIGMAS = 2.5  # radius of the line's tube beyond its own, in standard deviations
+MIN_TUBE = 0.1  # m: smallest radius of the first tube
+MIN_MARGIN = 0.03  # m: smallest distance of the tube from the fitted surface, to which
+EXTRA_MARGIN = 0.02  # m are added, up to
+MAX_MARGIN = 0.1  # m beyond the largest radius
+END_SIGMAS = 1.8  # first ends, in standard deviations along the seed: sqrt(3) if it is uniform
+RADIUS_SIGMAS = 1.4  # first radius, in RMS distances from the first axis
+MAX_FIRST_RADIUS = 0.3  # m
+MAX_SPREAD = 0.2  # m: largest standard deviation of the points from the surface
+
+# Lines that are landmarks
+MIN_RADIUS = 0.01  # m
+MAX_RADIUS = 0.45  # m, protruding points included
+MIN_LENGTH = 1.0  # m
+MAX_TAPER = 0.1  # change of the radius along the line
 
 
 class Lines(NamedTuple):
-    """Lines and what they are made of."""
+    """Lines, and what belongs to them."""
 
     fits: Fits
-    points: Members  # of each
+    point_labels: Array  # (n,) int32: the line of every point, -1 for none
     taken: Array  # (n,) bool: points of lines, landmarks or not
 
 
-class Pieces(NamedTuple):
-    """The segments, and where they are."""
+class Balls(NamedTuple):
+    """Segments with balls around their points."""
 
-    starts: Array  # (s + 1,) int64: rows of their points
+    starts: Array  # (s + 1,) int64: points of every segment
     rows: Array
-    centre: Array  # (s, 3) m: of a ball around it
-    reach: Array  # (s,) m: its radius
+    centre: Array  # (s, 3) m
+    radius: Array  # (s,) m
 
 
 class Line(NamedTuple):
@@ -56,300 +96,292 @@ class Line(NamedTuple):
     point: Array  # (3,) m, on the axis
     axis: Array  # (3,)
     fit: Array  # (PARAMETERS,), see cylinder.py
-    reach: Array  # (2,) m: ends, along the axis from the point
+    ends: Array  # (2,) m along the axis from the point
 
 
 def find_lines(
-    points: Array, inside: Members, own: Array, around: Boxes, flat: Array, config: LandmarksConfig
+    points: Array,
+    members: Members,
+    own: Array,
+    around: Boxes,
+    broad: Array,
+    config: LandmarksConfig,
 ) -> Lines:
-    """The lines of a window.
+    """Line landmarks of a window.
 
-    points (n, 3) m, local origin; inside: those of every segment; own (s, 24): their moments;
-    around: their boxes; flat (s,) bool: segments that are no part of lines.
-    Segments that are long and thin propose lines, the longest and largest first; all points near
-    the axis decide where it lies and how far it goes: as long as the tube around it is free.
+    points (n, 3) m, local origin; members: the points of every segment; own (s, 24): their
+    moments; around: their boxes; broad (s,) bool: segments that are no part of lines.
+    Long and thin segments are the seeds, the longest and largest first; all points near the axis
+    decide where it lies and how far it extends: as long as the tube around it is free.
     """
-    sigma = np.sqrt(own[:, EIGENVALUES : EIGENVALUES + 3])
-    seeds = (
-        ~flat
-        & ~((sigma[:, 1] > LONG) & (sigma[:, 0] < SHEET))
-        & (own[:, COUNT] >= FEW)
-        & (sigma[:, 2] >= LONG)
-        & (sigma[:, 2] <= LONGEST)
-    )
-    seeds &= (sigma[:, 1] <= WIDE) & (sigma[:, 1] < THIN * sigma[:, 2])
+    seeds = _seeds(own, broad)
+    centre, half = 0.5 * (around.low + around.high), 0.5 * (around.high - around.low)
+    balls = Balls(*members, centre, np.linalg.norm(half, axis=1))
+    fits, taper = new_fits(len(seeds)), np.zeros(len(seeds))
+    point_labels = np.full(len(points), -1, np.int32)
+    _find_all(points, balls, own, seeds, fits, taper, point_labels)
+    good = (fits.count >= config.min_points) & (2 * fits.passes >= config.min_points)
+    good &= fits.box_max[:, 0] - fits.box_min[:, 0] >= MIN_LENGTH
+    good &= (np.abs(taper) <= MAX_TAPER) & (fits.roughness <= config.roughness)
+    return Lines(select_fits(fits, good), renumber(point_labels, good), point_labels >= 0)
+
+
+def _seeds(own: Array, broad: Array) -> Array:
+    """Segments from which lines may grow, in the order in which they are tried."""
+    thickness, width, length = np.sqrt(own[:, EIGENVALUES : EIGENVALUES + 3]).T
+    seeds = ~broad & ~((width > MIN_SEED_SIGMA) & (thickness < SHEET_THICKNESS))
+    seeds &= (own[:, COUNT] >= MIN_POINTS) & (length >= MIN_SEED_SIGMA)
+    seeds &= (length <= MAX_SEED_SIGMA) & (width <= MAX_SEED_WIDTH)
+    seeds &= width < MAX_SEED_ASPECT * length
     order = np.flatnonzero(seeds)
-    order = order[np.argsort(-own[order, COUNT] * sigma[order, 2], kind="stable")]
-    centre, reach = 0.5 * (around.low + around.high), 0.5 * (around.high - around.low)
-    pieces = Pieces(*inside, centre, np.linalg.norm(reach, axis=1))
-    fits, shapes = no_fits(len(order)), np.zeros((len(order), 2))
-    line_of_point = np.full(len(points), -1, np.int32)
-    _find_all(points, pieces, own, order, fits, shapes, line_of_point)
-    good = (fits.count >= config.min_points) & (2 * fits.passages >= config.min_points)
-    good &= (fits.high[:, 0] - fits.low[:, 0] >= SHORTEST) & (np.abs(shapes[:, 1]) <= TAPERING)
-    good &= fits.roughness <= config.roughness
-    rows = np.flatnonzero(line_of_point >= 0)
-    rows = rows[np.argsort(line_of_point[rows], kind="stable")]
-    kept = rows[good[line_of_point[rows]]]
-    counts = np.bincount(line_of_point[kept], minlength=len(good))[good]
-    return Lines(
-        chosen(fits, good), Members(np.append(0, np.cumsum(counts)), kept), line_of_point >= 0
-    )
+    return order[np.argsort(-own[order, COUNT] * length[order], kind="stable")]
 
 
 @kernel
-def _find_all(points, pieces, own, order, fits, shapes, line_of_point):
+def _find_all(points, balls, own, seeds, fits, taper, point_labels):
     room = np.empty(len(points), np.int64)
-    near = np.empty(len(pieces.reach), np.int64)
-    for which in range(len(order)):
-        seed = order[which]
-        if _taken(pieces.rows[pieces.starts[seed] : pieces.starts[seed + 1]], line_of_point):
+    near = np.empty(len(balls.radius), np.int64)
+    for which in range(len(seeds)):
+        seed = seeds[which]
+        if _taken(balls.rows[balls.starts[seed] : balls.starts[seed + 1]], point_labels):
             continue
         line = Line(np.empty(3), np.empty(3), np.zeros(PARAMETERS), np.zeros(2))
-        count = _grow(points, pieces, own, seed, 0.0, near, room, line)
-        strip = own[seed, EIGENVALUES] < STRIP * STRIP
-        if strip and (count < FEW or line.reach[1] - line.reach[0] < SHORTEST):
-            count = _grow(points, pieces, own, seed, WIDEST, near, room, line)
+        count = _grow(points, balls, own, seed, 0.0, near, room, line)
+        strip = own[seed, EIGENVALUES] < STRIP_THICKNESS * STRIP_THICKNESS
+        if strip and (count < MIN_POINTS or line.ends[1] - line.ends[0] < MIN_LENGTH):
+            count = _grow(points, balls, own, seed, MAX_RADIUS, near, room, line)
         rows = room[:count]
-        if count < FEW or _taken(rows, line_of_point):
+        if count < MIN_POINTS or _taken(rows, point_labels):
             continue
         _orient(line)
         _measure(points, rows, line, fits, which)
-        shapes[which, 0], shapes[which, 1] = line.fit[4], line.fit[5]
+        taper[which] = line.fit[TAPER]
         for i in rows:
-            line_of_point[i] = which
+            point_labels[i] = which
 
 
 @kernel
-def _taken(rows, line_of_point):
-    """Whether most of the points are in a line already."""
+def _taken(rows, point_labels):
+    """Whether too many of the points are in other lines."""
     taken = 0
     for i in rows:
-        taken += line_of_point[i] >= 0
-    return taken > 0.3 * len(rows)
+        taken += point_labels[i] >= 0
+    return taken > MAX_TAKEN * len(rows)
 
 
 @kernel
-def _grow(points, pieces, own, seed, least, near, room, line):
-    """Let a line grow from a segment; returns how many points, ascending, `room` holds of it.
+def _grow(points, balls, own, seed, tube, near, room, line):
+    """Let a line grow from a seed; returns how many points, ascending, `room` holds of it.
 
-    least: radius of the first tube, m, if that of the segment is less.
+    tube: smallest radius of the first tube, m.
     """
-    point, axis, fit, reach = line
+    point, axis, fit, ends = line
     point[:] = own[seed, MEAN : MEAN + 3]
     axis[:] = own[seed, V1 : V1 + 3]
-    across_it = _aim(points, pieces.rows[pieces.starts[seed] : pieces.starts[seed + 1]], line)
-    inside = min(max(2.5 * across_it, 0.1, least), WIDEST)
-    along_it = math.sqrt(own[seed, EIGENVALUES + 2])
-    reach[0], reach[1] = -1.8 * along_it, 1.8 * along_it
-    fit[4] = min(1.4 * across_it, 0.3)
-    close = _near(pieces, line, near)
+    width = _aim(points, balls.rows[balls.starts[seed] : balls.starts[seed + 1]], line)
+    inside = min(max(TUBE_SIGMAS * width, MIN_TUBE, tube), MAX_RADIUS)
+    half = END_SIGMAS * math.sqrt(own[seed, EIGENVALUES + 2])
+    ends[0], ends[1] = -half, half
+    fit[RADIUS] = min(RADIUS_SIGMAS * width, MAX_FIRST_RADIUS)
+    close = _near(balls, line, near)
     count, length = 0, -1.0
     for _round in range(ROUNDS):
-        got = _collect(points, pieces, near[:close], line, inside + AROUND, room)
-        _stretch(points, room[:got], inside, line)
+        collected = _collect(points, balls, near[:close], line, inside + CLEARANCE, room)
+        _find_ends(points, room[:collected], inside, line)
         count = 0
-        for k in range(got):
-            along, aside = place(points, room[k], point, axis)
-            if reach[0] <= along <= reach[1] and aside <= inside:
+        for k in range(collected):
+            along, aside = axial(points, room[k], point, axis)
+            if ends[0] <= along <= ends[1] and aside <= inside:
                 room[count] = room[k]
                 count += 1
-        if count < FEW:
+        if count < MIN_POINTS:
             return 0
         room[:count] = np.sort(room[:count])
         spread = fit_cylinder(points, room[:count], point, axis, fit)
-        if not spread < 0.2:
+        if not spread < MAX_SPREAD:
             return 0
-        fit[4] = min(max(fit[4], 0.01), WIDEST)
-        inside = min(fit[4] + max(2.5 * spread, 0.03) + 0.02, WIDEST + 0.1)
+        fit[RADIUS] = min(max(fit[RADIUS], MIN_RADIUS), MAX_RADIUS)
+        inside = fit[RADIUS] + max(TUBE_SIGMAS * spread, MIN_MARGIN) + EXTRA_MARGIN
+        inside = min(inside, MAX_RADIUS + MAX_MARGIN)
         _recentre(line)
-        if abs(reach[1] - reach[0] - length) < 0.5 * BIN:
+        if abs(ends[1] - ends[0] - length) < 0.5 * BIN:
             break
-        length = reach[1] - reach[0]
+        length = ends[1] - ends[0]
     return count
 
 
 @kernel
 def _aim(points, rows, line):
-    """Turn a first axis to where most points lie; returns how far they are from it, rms.
+    """Turn a first axis to where most points lie; returns their RMS distance from it.
 
-    Tried are lines through pairs of points, one from either end: what else is in the segment, a
-    bough or leaves, then does not count.
+    The axes tried are lines through pairs of points, one from either end, so that other parts of
+    the segment, a bough or leaves, have no influence.
     """
     point, axis = line.point, line.axis
     count = len(rows)
     along = np.empty(count)
     for k in range(count):
-        along[k] = place(points, rows[k], point, axis)[0]
+        along[k] = axial(points, rows[k], point, axis)[0]
     order = np.argsort(along, kind="mergesort")
     third = max(1, count // 3)
     best, through, direction = -1.0, point.copy(), axis.copy()
     a, b = point.copy(), axis.copy()
     for trial in range(TRIALS + 1):
-        if trial > 0:  # primes: another pair each time
-            i = rows[order[trial * 7919 % third]]
-            j = rows[order[count - 1 - trial * 6101 % third]]
+        if trial > 0:
+            i = rows[order[trial * FIRST_PAIR % third]]
+            j = rows[order[count - 1 - trial * SECOND_PAIR % third]]
             a[:] = points[i]
             b[:] = points[j] - points[i]
             length = math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
-            if not length > LONG:
+            if not length > MIN_SEED_SIGMA:
                 continue
             b /= length
         score = 0.0
         for k in range(count):
-            ratio = place(points, rows[k], a, b)[1] / CLOSE
+            ratio = axial(points, rows[k], a, b)[1] / TRIAL_DISTANCE
             score += max(0.0, 1.0 - ratio * ratio)
         if score > best:
             best = score
             through[:], direction[:] = a, b
-    total, members = 0.0, 0
+    total, support = 0.0, 0
     point[:] = 0.0
     for k in range(count):
-        aside = place(points, rows[k], through, direction)[1]
-        if aside <= CLOSE:
-            members += 1
+        aside = axial(points, rows[k], through, direction)[1]
+        if aside <= TRIAL_DISTANCE:
+            support += 1
             total += aside * aside
             point += points[rows[k]]
     axis[:] = direction
-    point /= max(1, members)
-    return math.sqrt(total / max(1, members))
+    point /= max(1, support)
+    return math.sqrt(total / max(1, support))
 
 
 @kernel
-def _near(pieces, line, near):
+def _near(balls, line, near):
     """Write the segments that may come near the line; returns how many."""
     count = 0
-    centre = pieces.centre
+    centre = balls.centre
     px, py, pz = line.point[0], line.point[1], line.point[2]
-    for s in range(len(pieces.reach)):
+    for s in range(len(balls.radius)):
+        radius = balls.radius[s]
         x, y, z = centre[s, 0] - px, centre[s, 1] - py, centre[s, 2] - pz
-        farthest = NEAR[0] + NEAR[1] + pieces.reach[s]
+        farthest = NEAR_ACROSS + NEAR_ALONG + radius
         if x * x + y * y + z * z > farthest * farthest:
             continue  # most of them
-        along, aside = place(centre, s, line.point, line.axis)
-        if aside <= NEAR[0] + pieces.reach[s] and abs(along) <= NEAR[1] + pieces.reach[s]:
+        along, aside = axial(centre, s, line.point, line.axis)
+        if aside <= NEAR_ACROSS + radius and abs(along) <= NEAR_ALONG + radius:
             near[count] = s
             count += 1
     return count
 
 
 @kernel
-def _collect(points, pieces, near, line, radius, room):
+def _collect(points, balls, near, line, tube, room):
     """Write the points in a tube around the line and its continuation; returns how many."""
-    low, high = line.reach[0] - REACH, line.reach[1] + REACH
+    low, high = line.ends[0] - REACH, line.ends[1] + REACH
     count = 0
     for s in near:
-        along, aside = place(pieces.centre, s, line.point, line.axis)
-        reach = pieces.reach[s]
-        if aside > radius + reach or along < low - reach or along > high + reach:
+        along, aside = axial(balls.centre, s, line.point, line.axis)
+        radius = balls.radius[s]
+        if aside > tube + radius or along < low - radius or along > high + radius:
             continue
-        for k in range(pieces.starts[s], pieces.starts[s + 1]):
-            along, aside = place(points, pieces.rows[k], line.point, line.axis)
-            if aside <= radius and low <= along <= high:
-                room[count] = pieces.rows[k]
+        for k in range(balls.starts[s], balls.starts[s + 1]):
+            along, aside = axial(points, balls.rows[k], line.point, line.axis)
+            if aside <= tube and low <= along <= high:
+                room[count] = balls.rows[k]
                 count += 1
     return count
 
 
 @kernel
-def _stretch(points, rows, inside, line):
-    """Set the ends of the line: as far as it stands out, from the middle on."""
-    low = line.reach[0] - REACH
-    bins = int(math.ceil((line.reach[1] + REACH - low) / BIN))
+def _find_ends(points, rows, inside, line):
+    """Set the ends of the line: as far as the tube around it is free, from the middle on."""
+    low = line.ends[0] - REACH
+    bins = int(math.ceil((line.ends[1] + REACH - low) / BIN))
     within, around = np.zeros(bins), np.zeros(bins)
     for i in rows:
-        along, aside = place(points, i, line.point, line.axis)
+        along, aside = axial(points, i, line.point, line.axis)
         slot = min(bins - 1, int((along - low) / BIN))
         if aside <= inside:
             within[slot] += 1
         else:
             around[slot] += 1
     middle = min(bins - 1, int(-low / BIN))
-    line.reach[1] = low + BIN * (_end(within, around, middle - 1, 1) + 1)
-    line.reach[0] = low + BIN * _end(within, around, middle, -1)
+    line.ends[1] = low + BIN * (_last_bin(within, around, middle - 1, 1) + 1)
+    line.ends[0] = low + BIN * _last_bin(within, around, middle, -1)
 
 
 @kernel
-def _end(within, around, start, step):
-    """The last bin, from the one behind `start` on, before the line ends or is grown over."""
+def _last_bin(within, around, start, step):
+    """The last bin of a line in one direction, after `start`, before a hole or a crowd."""
     last, hole = start, 0
     slot = start + step
-    while 0 <= slot < len(within) and hole <= HOLE:
-        if within[slot] >= 1 and around[slot] <= 0.5 * within[slot]:
+    while 0 <= slot < len(within) and hole <= MAX_HOLE:
+        if within[slot] >= 1 and around[slot] <= MAX_AROUND * within[slot]:
             last, hole = slot, 0
         else:
-            hole += 2 if around[slot] > max(1.0, 0.5 * within[slot]) else 1
+            hole += 2 if around[slot] > max(1.0, MAX_AROUND * within[slot]) else 1
         slot += step
     return last
 
 
 @kernel
 def _recentre(line):
-    """Take over what was fitted: the point moves to the middle, and the axis turns."""
-    point, axis, fit, reach = line
+    """Apply the fit to the line: the point moves to its middle, and the axis turns."""
+    point, axis, fit, ends = line
     u, v = across(axis)
-    middle = 0.5 * (reach[0] + reach[1])
+    middle = 0.5 * (ends[0] + ends[1])
     point += fit[0] * u + fit[1] * v
     axis += fit[2] * u + fit[3] * v
     axis /= math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
     point += middle * axis
-    reach -= middle
-    fit[4] += fit[5] * middle
+    ends -= middle
+    fit[RADIUS] += fit[TAPER] * middle
     fit[:4] = 0.0
 
 
 @kernel
 def _orient(line):
-    """Let the largest component of the axis be positive."""
+    """Turn the line so that the largest component of its axis is positive."""
     largest = line.axis[0]
     for k in range(1, 3):
         if abs(line.axis[k]) > abs(largest):
             largest = line.axis[k]
     if largest < 0.0:
         line.axis[:] = -line.axis
-        line.fit[5] = -line.fit[5]
-        line.reach[0], line.reach[1] = -line.reach[1], -line.reach[0]
+        line.fit[TAPER] = -line.fit[TAPER]
+        line.ends[0], line.ends[1] = -line.ends[1], -line.ends[0]
 
 
 @kernel
 def _measure(points, rows, line, fits, which):
-    """Fill in what is told of a line. Motions: along y and z, about y and z."""
-    point, axis = line.point, line.axis
+    """Fill in the fit of a line. Motions: along y and z, about y and z."""
+    point, axis, fit, _ = line
     u, v = across(axis)
-    total, squared, count = 0.0, np.zeros(3), 0
-    mean, low, high = np.zeros(3), np.full(3, np.inf), np.full(3, -np.inf)
-    spot, jacobian = np.empty(3), np.empty(PARAMETERS)
-    for i in rows:
-        total += residual(points, i, point, u, v, axis, line.fit, jacobian) ** 2
-    spread = math.sqrt(total / max(1, len(rows) - PARAMETERS))
-    matrix, scores = np.zeros((PARAMETERS, PARAMETERS)), np.zeros((CHUNKS, PARAMETERS))
-    matrix[4, 4], matrix[5, 5] = spread * spread / 0.1**2, spread * spread / 0.03**2
-    for k in range(len(rows)):
-        error = residual(points, rows[k], point, u, v, axis, line.fit, jacobian)
-        for m in range(PARAMETERS):
-            scores[k * CHUNKS // len(rows), m] += jacobian[m] * error
-            for n in range(m + 1):
-                matrix[m, n] += jacobian[m] * jacobian[n]
-        spot[:] = 0.0
-        for c in range(3):
-            offset = points[rows[k], c] - point[c]
-            spot[0] += offset * axis[c]
-            spot[1] += offset * u[c]
-            spot[2] += offset * v[c]
-        count += 1
-        for m in range(3):
-            mean[m] += spot[m]
-            squared[m] += spot[m] * spot[m]
-            low[m], high[m] = min(low[m], spot[m]), max(high[m], spot[m])
-    found = uncertainty(matrix, scores, spread * spread)
-    fits.count[which], fits.passages[which] = count, passages(rows)
-    fits.roughness[which] = spread
     fits.position[which] = point
     fits.axes[which, :, 0], fits.axes[which, :, 1], fits.axes[which, :, 2] = axis, u, v
-    fits.low[which], fits.high[which] = low, high
-    fits.sigma[which] = np.sqrt(np.maximum(0.0, squared / count - (mean / count) ** 2))
+    jacobian, local = np.empty(PARAMETERS), np.empty(3)
+    total, mean, squared = 0.0, np.zeros(3), np.zeros(3)
+    for i in rows:
+        total += residual(points, i, point, u, v, axis, fit, jacobian) ** 2
+    spread = math.sqrt(total / max(1, len(rows) - PARAMETERS))
+    matrix, scores = np.zeros((PARAMETERS, PARAMETERS)), np.zeros((CHUNKS, PARAMETERS))
+    matrix[RADIUS, RADIUS] = spread * spread / RADIUS_PRIOR**2
+    matrix[TAPER, TAPER] = spread * spread / TAPER_PRIOR**2
+    for k in range(len(rows)):
+        error = residual(points, rows[k], point, u, v, axis, fit, jacobian)
+        add_observation(jacobian, error, matrix, scores[k * CHUNKS // len(rows)])
+        add_to_box(points, rows[k], fits, which, local)
+        mean += local
+        squared += local * local
+    covariance = fit_covariance(matrix, scores, spread * spread)
+    fits.count[which], fits.passes[which] = len(rows), count_passes(rows)
+    fits.roughness[which] = spread
+    variance = squared / len(rows) - (mean / len(rows)) ** 2
+    fits.sigma[which] = np.sqrt(np.maximum(0.0, variance))
     # A slope of the axis along y is a turn about z; one along z is a turn about y, backwards.
     motion, sign = (1, 2, 5, 4), (1.0, 1.0, 1.0, -1.0)
     for m in range(4):
         for n in range(4):
-            fits.covariance[which, motion[m], motion[n]] = sign[m] * sign[n] * found[m, n]
+            signed = sign[m] * sign[n] * covariance[m, n]
+            fits.covariance[which, motion[m], motion[n]] = signed

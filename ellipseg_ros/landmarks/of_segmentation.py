@@ -1,4 +1,4 @@
-"""The landmarks of a segmentation that is there already."""
+"""Landmarks of an existing segmentation."""
 
 import numpy as np
 
@@ -12,18 +12,19 @@ from ellipseg_ros.landmarks.tracking import LandmarkTracker
 from ellipseg_ros.records import Landmarks, Segmentation
 
 
-def landmarks(found: Segmentation, config: LandmarksConfig | None = None) -> Landmarks:
-    """Choose the landmarks of a segmentation, whatever it was made with; ids from 1.
+def landmarks(segmentation: Segmentation, config: LandmarksConfig | None = None) -> Landmarks:
+    """Detect the planes, lines and blobs of a segmentation that can be observed again.
 
-    InputError if it does not know which segments touch.
+    They are numbered from 1, whatever landmarks the segmentation already has, and are in its
+    frame. config: by default LandmarksConfig(). Raises InputError if the segmentation has no
+    `adjacency`, since both objects and landmarks were disabled when it was made.
     """
-    if found.adjacency is None:
+    if segmentation.adjacency is None:
         raise InputError("the segmentation has no `adjacency`; segment with objects or landmarks")
-    points = found.points - found.origin
-    count = len(found.ellipsoids)
-    own = segment_moments(points, found.labels, np.full(count, -1), no_moments())
-    chosen = find_landmarks(
-        points, found.labels, flat(own), found.adjacency, config or LandmarksConfig()
-    )
-    followed = LandmarkTracker().follow(found.arrival, chosen, found.end_ns)
-    return landmark_records(chosen, followed, found.labels, found.origin)
+    points, labels = segmentation.points - segmentation.origin, segmentation.labels
+    unknown = np.full(len(segmentation.ellipsoids), -1)
+    own = segment_moments(points, labels, unknown, no_moments())
+    config = config or LandmarksConfig()
+    found = find_landmarks(points, labels, flat(own), segmentation.adjacency, config)
+    tracks = LandmarkTracker().follow(segmentation.arrival, found, segmentation.end_ns)
+    return landmark_records(found, tracks, labels, segmentation.origin)

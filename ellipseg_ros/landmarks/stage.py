@@ -7,9 +7,9 @@ from ellipseg_ros.core.contingency import contingency
 from ellipseg_ros.core.moments import flat
 from ellipseg_ros.core.segments import Segments
 from ellipseg_ros.core.window import Window
-from ellipseg_ros.landmarks.finder import Found, find_landmarks
-from ellipseg_ros.landmarks.fits import chosen
-from ellipseg_ros.landmarks.tracking import Followed, LandmarkTracker
+from ellipseg_ros.landmarks.finder import Detections, find_landmarks
+from ellipseg_ros.landmarks.fits import select_fits
+from ellipseg_ros.landmarks.tracking import LandmarkTracker, LandmarkTracks
 from ellipseg_ros.records import Array, Landmarks, Ragged, SegmentAdjacency
 
 
@@ -37,34 +37,36 @@ class LandmarkStage:
         moments = flat(segments.moments)
         local = points.position - origin
         found = find_landmarks(local, segments.labels, moments, adjacency, config)
-        followed = self._tracker.follow(points.arrival, found, window.end_ns)
-        return landmark_records(found, followed, segments.labels, origin)
+        tracks = self._tracker.follow(points.arrival, found, window.end_ns)
+        return landmark_records(found, tracks, segments.labels, origin)
 
 
-def landmark_records(found: Found, followed: Followed, labels: Array, origin: Array) -> Landmarks:
+def landmark_records(
+    found: Detections, tracks: LandmarkTracks, labels: Array, origin: Array
+) -> Landmarks:
     """What was found of landmarks as a record in the world frame, ascending by id.
 
     labels (n,) int32: the segment of every point; origin (3,) m.
     """
-    order = np.argsort(followed.ids)
+    order = np.argsort(tracks.ids)
     rank = np.full(len(order) + 1, -1, np.int32)
     rank[order] = np.arange(len(order))
-    fits, point_labels = chosen(found.fits, order), rank[found.of_point]
+    fits, point_labels = select_fits(found.fits, order), rank[found.point_labels]
     landmarks = Landmarks(
-        ids=followed.ids[order],
+        ids=tracks.ids[order],
         kind=found.kind[order],
         count=fits.count,
         position=fits.position + origin,
         axes=fits.axes,
         sigma=fits.sigma,
-        box_min=fits.low,
-        box_max=fits.high,
+        box_min=fits.box_min,
+        box_max=fits.box_max,
         covariance=fits.covariance,
-        stability=followed.stability[order],
-        first_seen_ns=followed.first_seen_ns[order],
+        stability=tracks.stability[order],
+        first_seen_ns=tracks.first_seen_ns[order],
         segments=_segments_of(point_labels, labels, len(order)),
         point_labels=point_labels,
-        removed=followed.removed,
+        removed=tracks.removed,
     )
     return landmarks
 

@@ -1,107 +1,102 @@
-"""Which landmark of before is which of now, and how much it has moved."""
+"""Persistent ids of landmarks, and how stable they are from update to update."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from ellipseg_ros.core.tracking import Tracker
-from ellipseg_ros.landmarks.finder import Found
-from ellipseg_ros.landmarks.motions import motions, normalised
+from ellipseg_ros.landmarks.finder import Detections
+from ellipseg_ros.landmarks.innovation import innovations, normalised_squares
 from ellipseg_ros.records import Array, Kind
 
-MEMORY = 5  # updates that the stability looks back
+MEMORY = 5  # updates over which the innovation is averaged
 
 
-class Followed(NamedTuple):
-    """What became of the landmarks; l of them, in the order found."""
+class LandmarkTracks(NamedTuple):
+    """Identity of l landmarks, in the order of the detections."""
 
     ids: Array  # (l,) uint32
-    stability: Array  # (l,)
+    stability: Array  # (l,), see Landmarks
     first_seen_ns: Array  # (l,) int64
-    removed: Array  # (r,) uint32, ascending
+    removed: Array  # (r,) uint32, ascending: ids of the previous update that ended
 
 
-class Past(NamedTuple):
-    """The landmarks of the last update, ascending by id."""
+class Previous(NamedTuple):
+    """The landmarks of the previous update, ascending by id."""
 
     ids: Array
     position: Array
     axes: Array
-    unrest: Array  # (l,) mean normalised squared motion
+    mean_square: Array  # (l,) mean of the normalised innovation squared
     age: Array  # (l,) int64, updates
     first_seen_ns: Array
 
 
-class LandmarkTracker:
-    """Gives ids, by shared points as segments get them, to each kind by itself.
+NO_LANDMARKS = Previous(
+    np.zeros(0, np.uint32),
+    np.zeros((0, 3)),
+    np.zeros((0, 3, 3)),
+    np.zeros(0),
+    np.zeros(0, np.int64),
+    np.zeros(0, np.int64),
+)
 
-    A landmark keeps its kind: what was a line and is a plane is another one.
+
+class LandmarkTracker:
+    """Assigns ids by shared points, as for segments, to each kind separately.
+
+    A landmark keeps its kind: a line that becomes a plane is a new landmark.
     """
 
     def __init__(self) -> None:
         self._trackers = {kind: Tracker() for kind in Kind}
-        self._forget()
+        self._previous = NO_LANDMARKS
 
     def reset(self) -> None:
-        """End all landmarks: the next update names them removed. Ids go on."""
+        """End all landmarks: the next update reports them as removed. Ids go on."""
         for tracker in self._trackers.values():
             tracker.reset()
-        self._forget()
+        self._previous = NO_LANDMARKS
 
-    def _forget(self) -> None:
-        nobody = np.zeros(0)
-        self._past = Past(
-            np.zeros(0, np.uint32),
-            np.zeros((0, 3)),
-            np.zeros((0, 3, 3)),
-            nobody,
-            np.zeros(0, np.int64),
-            np.zeros(0, np.int64),
-        )
+    def follow(self, arrival: Array, found: Detections, end_ns: int) -> LandmarkTracks:
+        """Identify the landmarks of an update.
 
-    def follow(self, arrival: Array, found: Found, end_ns: int) -> Followed:
-        """Name the landmarks of now; arrival (n,) int64, of the points, ascending."""
-        ids, removed = self._name(arrival, found)
-        past, fits = self._past, found.fits
-        place = np.searchsorted(past.ids, ids)
-        known = np.append(past.ids, np.uint32(0))[place] == ids
+        arrival (n,) int64, ascending: serial numbers of the points; end_ns: end of the window.
+        """
+        ids, removed = self._assign(arrival, found)
+        previous, fits = self._previous, found.fits
+        place = np.searchsorted(previous.ids, ids)
+        known = np.append(previous.ids, np.uint32(0))[place] == ids
         old, new = place[known], np.flatnonzero(known)
-        moved = motions(
-            found.kind[new],
-            (past.position[old], past.axes[old]),
-            (fits.position[new], fits.axes[new]),
-        )
-        age = np.zeros(len(ids), np.int64)
-        age[new] = past.age[old] + 1
-        unrest = np.zeros(len(ids))
-        squared = normalised(found.kind[new], moved, fits.covariance[new])
-        unrest[new] = past.unrest[old] + (squared - past.unrest[old]) / np.minimum(
-            age[new], MEMORY
-        )
+        before = previous.position[old], previous.axes[old]
+        moved = innovations(found.kind[new], before, (fits.position[new], fits.axes[new]))
+        squares = normalised_squares(found.kind[new], moved, fits.covariance[new])
+        age, mean_square = np.zeros(len(ids), np.int64), np.zeros(len(ids))
+        age[new] = previous.age[old] + 1
+        mean = previous.mean_square[old]
+        mean_square[new] = mean + (squares - mean) / np.minimum(age[new], MEMORY)
         first = np.full(len(ids), end_ns, np.int64)
-        first[new] = past.first_seen_ns[old]
+        first[new] = previous.first_seen_ns[old]
         order = np.argsort(ids)
-        columns = (ids, fits.position, fits.axes, unrest, age, first)
-        self._past = Past(*(column[order] for column in columns))
-        return Followed(ids, np.sqrt(unrest), first, removed)
+        columns = (ids, fits.position, fits.axes, mean_square, age, first)
+        self._previous = Previous(*(column[order] for column in columns))
+        return LandmarkTracks(ids, np.sqrt(mean_square), first, removed)
 
-    def _name(self, arrival: Array, found: Found) -> tuple[Array, Array]:
-        """Ids of now, and those removed, from the numbers that the tracker of each kind gives."""
+    def _assign(self, arrival: Array, found: Detections) -> tuple[Array, Array]:
+        """Ids (l,) and those removed, from the numbers that the tracker of each kind assigns."""
         ids, removed = np.zeros(len(found.kind), np.uint32), []
         for kind, tracker in self._trackers.items():
             rows = np.flatnonzero(found.kind == kind)
             names = np.full(len(found.kind) + 1, -1, np.int32)
             names[rows] = np.arange(len(rows))
-            labels = names[found.of_point]
-            labels.flags.writeable = False
-            facts = np.column_stack([found.fits.count[rows], found.fits.position[rows]])
-            tracks = tracker.assign(arrival, labels, facts)
-            ids[rows], gone = _spread(tracks.ids, kind), _spread(tracks.removed, kind)
-            removed.append(gone)
+            features = np.column_stack([found.fits.count[rows], found.fits.position[rows]])
+            tracks = tracker.assign(arrival, names[found.point_labels], features)
+            ids[rows] = _interleave(tracks.ids, kind)
+            removed.append(_interleave(tracks.removed, kind))
         return ids, np.sort(np.concatenate(removed))
 
 
-def _spread(numbers: Array, kind: Kind) -> Array:
-    """1, 2, ... of a kind as ids that no other kind has."""
+def _interleave(numbers: Array, kind: Kind) -> Array:
+    """Numbers 1, 2, ... of a kind as ids that no other kind has."""
     ids: Array = (numbers - 1) * np.uint32(len(Kind)) + np.uint32(kind + 1)
     return ids.astype(np.uint32)

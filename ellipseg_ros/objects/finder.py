@@ -12,7 +12,7 @@ import numpy as np
 from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.flat_moments import EIGENVALUES, V1, V2, V3, united
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.members import boxes
+from ellipseg_ros.core.members import group_boxes
 from ellipseg_ros.objects.agglomeration import merge_segments
 from ellipseg_ros.records import Array, Hierarchy, SegmentAdjacency
 
@@ -47,7 +47,7 @@ def find_objects(
     hierarchy = merge_segments(own, features, adjacency, config.thickness)
     of_segment = hierarchy.labels_after(hierarchy.merges_up_to(config.scale))
     count = int(of_segment.max(initial=-1)) + 1
-    low, high = boxes(points, labels, of_segment, count)
+    low, high = group_boxes(points, labels, of_segment, count)
     return Level(of_segment, united(own, of_segment, count), low, high, hierarchy)
 
 

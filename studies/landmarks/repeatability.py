@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ellipseg_ros.association.landmark_map import select_landmarks
-from ellipseg_ros.landmarks.motions import motions, normalised
+from ellipseg_ros.landmarks.innovation import innovations, normalised_squares
 from ellipseg_ros.records import Array, Kind, Landmarks
 from studies.landmarks.agreement import Pairs, agreeing, matrix, moved
 from studies.landmarks.passes import TwoPasses
@@ -125,12 +125,12 @@ def errors(what: Truth) -> dict[str, list[float]]:
     pairs = Pairs(*np.nonzero(what.same))
     covariance = later.covariance[pairs.later] + transported(what.earlier, later, pairs)
     kind = later.kind[pairs.later]
-    error = motions(
+    error = innovations(
         kind,
         (what.earlier.position[pairs.earlier], what.earlier.axes[pairs.earlier]),
         (later.position[pairs.later], later.axes[pairs.later]),
     )
-    squared = normalised(kind, error, covariance)
+    squared = normalised_squares(kind, error, covariance)
     return {k.name.lower(): [round(float(s), 3) for s in squared[kind == k]] for k in Kind}
 
 

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
 from ellipseg_ros.core import jit
-from ellipseg_ros.core.members import boxes, members
+from ellipseg_ros.core.members import group_boxes, group_members
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.landmarks import fits
-from ellipseg_ros.landmarks.cylinder import PARAMETERS, across, fit_cylinder, place
-from ellipseg_ros.landmarks.motions import motions, normalised
+from ellipseg_ros.landmarks.cylinder import PARAMETERS, across, axial, fit_cylinder
+from ellipseg_ros.landmarks.innovation import innovations, normalised_squares
 from ellipseg_ros.landmarks.of_segmentation import landmarks
 from ellipseg_ros.records import DETERMINED, SECOND, Kind, Landmarks, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
@@ -192,9 +192,9 @@ def test_covariances_are_honest_where_errors_are_independent(thing):
         )
         truth[row] = turn.as_matrix() @ frame
     where = np.array([3.0, 0.0, 0.0]) if thing is wall else np.zeros(3)
-    error = motions(kind, (np.broadcast_to(where, position.shape), truth), (position, axes))
+    error = innovations(kind, (np.broadcast_to(where, position.shape), truth), (position, axes))
     covariance = np.stack([run.covariance[0] for run in runs])
-    squared = normalised(kind, error, covariance)
+    squared = normalised_squares(kind, error, covariance)
     assert 0.15 < squared.mean() < 1.6  # never too sure; planes have an allowance for crookedness
 
 
@@ -206,7 +206,9 @@ def test_errors_in_common_raise_the_uncertainty():
     made = []
     for error in (alone, common):
         scores = error.reshape(fits.CHUNKS, -1).sum(axis=1)[:, None]
-        made.append(fits.uncertainty(matrix.copy(), scores, error.var())[0, 0] * n / error.var())
+        made.append(
+            fits.fit_covariance(matrix.copy(), scores, error.var())[0, 0] * n / error.var()
+        )
     assert made[0] < 2.5
     assert 50.0 < made[1] < 150.0  # a hundred points are worth one
 
@@ -226,18 +228,18 @@ def test_normalised_errors_of_right_covariances_are_one():
             motion[rows, m] = rng.normal(0.0, sigma[m], len(rows))
     shifted = position - np.einsum("nij,nj->ni", axes, motion[:, :3])
     turned = axes @ Rotation.from_rotvec(-motion[:, 3:]).as_matrix()
-    found = motions(kind, (shifted, turned), (position, axes))
+    found = innovations(kind, (shifted, turned), (position, axes))
     assert np.abs(found - motion).max() < 2e-3  # up to products of small angles
-    assert normalised(kind, found, covariance).mean() == pytest.approx(1.0, abs=0.05)
+    assert normalised_squares(kind, found, covariance).mean() == pytest.approx(1.0, abs=0.05)
 
 
 def test_what_is_known_without_error_may_stay_where_it_is():
     kind, covariance = np.array([2, 2], np.uint8), np.zeros((2, 6, 6))
     covariance[1, :3, :3] = np.eye(3)
     motion = np.array([[0.0] * 6, [1.0] * 3 + [0.0] * 3])
-    assert normalised(kind, motion, covariance).tolist() == [0.0, 1.0]
+    assert normalised_squares(kind, motion, covariance).tolist() == [0.0, 1.0]
     covariance[1, :3, :3] = 1.0  # known across, without error, and free along (1, 1, 1)
-    assert normalised(kind, motion, covariance)[1] == pytest.approx(1.0 / 3.0)
+    assert normalised_squares(kind, motion, covariance)[1] == pytest.approx(1.0 / 3.0)
 
 
 # --- that it stays
@@ -319,7 +321,7 @@ def test_members_and_boxes_are_those_of_a_plain_loop():
     rng = np.random.default_rng(16)
     points, labels = rng.normal(size=(200, 3)), rng.integers(-2, 9, 200).astype(np.int32)
     group = np.array([0, 1, 1, -1, 2, 0, 2, 2, 1], np.int32)
-    found, around = members(labels, group, 3), boxes(points, labels, group, 3)
+    found, around = group_members(labels, group, 3), group_boxes(points, labels, group, 3)
     for g in range(3):
         rows = [i for i in range(200) if labels[i] >= 0 and group[labels[i]] == g]
         assert list(found.rows[found.starts[g] : found.starts[g + 1]]) == rows
@@ -328,21 +330,9 @@ def test_members_and_boxes_are_those_of_a_plain_loop():
 
 
 @pytest.mark.nojit
-def test_cholesky_solves_as_numpy_does():
-    rng = np.random.default_rng(17)
-    half = rng.normal(size=(5, 5))
-    matrix, right = half @ half.T + np.eye(5), rng.normal(size=5)
-    factor, solved = matrix.copy(), right.copy()
-    assert fits.cholesky(factor)
-    fits.solve(factor, solved)
-    assert np.allclose(solved, np.linalg.solve(matrix, right))
-    assert not fits.cholesky(np.array([[1.0, 2.0], [2.0, 1.0]]))
-
-
-@pytest.mark.nojit
 def test_passages_count_runs_of_points():
-    assert fits.passages(np.array([0, 1, 2, 10, 12, 13, 99])) == 3
-    assert fits.passages(np.zeros(0, np.int64)) == 0
+    assert fits.count_passes(np.array([0, 1, 2, 10, 12, 13, 99])) == 3
+    assert fits.count_passes(np.zeros(0, np.int64)) == 0
 
 
 @pytest.mark.nojit
@@ -366,7 +356,7 @@ def test_a_cylinder_is_fitted_as_a_general_solver_does():
     best = optimize.least_squares(distances, fit).x
     assert spread == pytest.approx(NOISE, rel=0.4)
     assert np.abs(best[:2] - fit[:2]).max() < 0.02 and abs(best[4] - fit[4]) < 0.03
-    along, aside = place(points, 0, point, axis)
+    along, aside = axial(points, 0, point, axis)
     assert math.hypot(along, aside) == pytest.approx(np.linalg.norm(points[0] - point))
 
 
