@@ -3,7 +3,19 @@
 from collections.abc import Callable
 from typing import Any
 
-from studies.report.page import Page, Section, Table, not_measured, number, quartiles
+from studies.report.page import (
+    Cell,
+    Page,
+    Section,
+    Table,
+    not_measured,
+    number,
+    numbers,
+    quartiles,
+    spreads,
+    table_of,
+    text,
+)
 from studies.report.requirements import requirement_table
 
 Results = dict[str, Any]
@@ -49,135 +61,95 @@ def page(results: Results) -> Page:
 
 
 def _batch(section: Results) -> Section:
-    rows = [
-        [case["criterion"], number(case["threshold"]), f"{case['segments']:,}"]
-        + [quartiles(case["batch_ms"]), quartiles(case.get("ratio"))]
-        for case in section["cases"]
-    ]
     if "knn_ms" in section:
         search = f"The 10-NN search of small_gicp takes {quartiles(section['knn_ms'])} ms."
     else:
         search = not_measured(section["missing"])
-    return Section(
-        "Batch",
-        [
-            f"`segment()` of {section['points']:,} simulated points. {search}",
-            Table(["criterion", "threshold", "segments", "ms", "ratio to 10-NN"], rows),
-        ],
-    )
+    about = f"`segment()` of {section['points']:,} simulated points. {search}"
+    columns = {"criterion": text("criterion"), "threshold": numbers("threshold")}
+    columns |= {"segments": text("segments", ","), "ms": spreads("batch_ms")}
+    columns |= {"ratio to 10-NN": spreads("ratio")}
+    return Section("Batch", [about, table_of(section["cases"], columns)])
 
 
 def _peers(section: Results) -> Section:
-    rows = [["ellipseg_ros, shape", quartiles(section["ellipseg_ms"]), "", "the whole batch"]]
-    rows += [
-        [peer["name"], quartiles(peer["ms"]), peer["version"], peer["about"]]
-        for peer in section["peers"]
-    ]
+    ours = {"name": "ellipseg_ros, shape", "ms": section["ellipseg_ms"], "version": ""}
+    rows = [ours | {"about": "the whole batch"}, *section["peers"]]
+    columns = {"library": text("name"), "ms": spreads("ms")}
+    columns |= {"version": text("version"), "operation": text("about")}
     missing = [not_measured(section["missing"])] if section["missing"] else []
-    table = Table(["library", "ms", "version", "operation"], rows)
-    return Section("Other libraries", [f"The same {section['points']:,} points.", table, *missing])
+    about = f"The same {section['points']:,} points."
+    return Section("Other libraries", [about, table_of(rows, columns), *missing])
 
 
 def _stages(section: Results) -> Section:
-    columns = [name for name in section["stages"][0] if name != "stage"]
-    rows = [
-        [row["stage"], *(quartiles(row[name]) for name in columns)] for row in section["stages"]
-    ]
-    head = ["stage", "batch, ms", *(f"update of {name}, ms" for name in columns[1:])]
+    names = [name for name in section["stages"][0] if name not in ("stage", "batch")]
+    columns = {"stage": text("stage"), "batch, ms": spreads("batch")}
+    columns |= {f"update of {name}, ms": spreads(name) for name in names}
     points = f"{section['points']:,} points"
-    return Section(
-        "Stages",
-        [f"Criterion shape at its default threshold, {points} in the window.", Table(head, rows)],
-    )
+    about = f"Criterion shape at its default threshold, {points} in the window."
+    return Section("Stages", [about, table_of(section["stages"], columns)])
 
 
-CASE = ["points", "segments", "largest", "update, ms", "batch, ms", "ratio"]
-
-
-def _case(case: Results) -> list[str]:
-    counts = [f"{case['points']:,}", f"{case['segments']:,}", f"{case['largest_share']:.0%}"]
-    return counts + [quartiles(case[name]) for name in ("update_ms", "batch_ms", "ratio")]
+PERIOD = {"update every": lambda case: f"{case['period']:g} s"}
+CASE = {
+    "points": text("points", ","),
+    "segments": text("segments", ","),
+    "largest": text("largest_share", ".0%"),
+    "update, ms": spreads("update_ms"),
+    "batch, ms": spreads("batch_ms"),
+    "ratio": spreads("ratio"),
+}
 
 
 def _updates(section: Results) -> Section:
-    rows = [
-        [f"{case['criterion']}, {case['kind']}", number(case["threshold"])]
-        + [f"{case['period']:g} s", *_case(case)]
-        for case in section["cases"]
-    ]
-    return Section(
-        "Updates and batch",
-        [
-            f"A window of {section['window_s']:g} s of the simulated drive. *Largest*: share of "
-            "the points in the largest segment.",
-            Table(["criterion", "threshold", "update every", *CASE], rows),
-        ],
+    columns = {"criterion": lambda case: f"{case['criterion']}, {case['kind']}"}
+    columns |= {"threshold": numbers("threshold")} | PERIOD | CASE
+    about = (
+        f"A window of {section['window_s']:g} s of the simulated drive. *Largest*: share of the "
+        "points in the largest segment."
     )
+    return Section("Updates and batch", [about, table_of(section["cases"], columns)])
 
 
 def _length(section: Results) -> Section:
-    rows = [
-        [f"{case['window_s']:g} s", f"{case['period']:g} s", *_case(case)]
-        for case in section["cases"]
-    ]
-    return Section(
-        "Window length",
-        [
-            "One simulated drive, all windows alternately.",
-            Table(["window", "update every", *CASE], rows),
-        ],
-    )
+    columns = {"window": lambda case: f"{case['window_s']:g} s"} | PERIOD | CASE
+    about = "One simulated drive, all windows alternately."
+    return Section("Window length", [about, table_of(section["cases"], columns)])
 
 
 def _density(section: Results) -> Section:
-    rows = [
-        [f"{case['points_per_second']:,}", f"{case['period']:g} s", *_case(case)]
-        for case in section["cases"]
-    ]
-    return Section(
-        "Points per second",
-        [
-            f"A window of {section['window_s']:g} s. The simulated vehicle drives an integer "
-            "factor slower and is played back that much faster, as if it carried as many "
-            "scanners; then the points are thinned evenly to the rate.",
-            Table(["points/s", "update every", *CASE], rows),
-        ],
+    about = (
+        f"A window of {section['window_s']:g} s. The simulated vehicle drives an integer factor "
+        "slower and is played back that much faster, as if it carried as many scanners; then the "
+        "points are thinned evenly to the rate."
     )
+    columns = {"points/s": text("points_per_second", ",")} | PERIOD | CASE
+    return Section("Points per second", [about, table_of(section["cases"], columns)])
 
 
 def _data(section: Results) -> Section:
-    rows = [
-        ["a cloud" if case["period"] < 1 else "10 clouds", *_case(case)]
-        for case in section["cases"]
-    ]
     batch = section["batch"]
     times = f"{quartiles(batch['batch_ms'])} ms"
     if "ratio" in batch:
         times += f", {quartiles(batch['ratio'])} times small_gicp's 10-NN"
-    return Section(
-        "Recording",
-        [
-            f"{section['source']}, thinned to {section['points_per_second']:,} points/s, a window "
-            f"of {section['window_s']:.3g} s. Batch of {section['points']:,} points: {times}.",
-            Table(["update every", *CASE], rows),
-        ],
+    about = (
+        f"{section['source']}, thinned to {section['points_per_second']:,} points/s, a window of "
+        f"{section['window_s']:.3g} s. Batch of {section['points']:,} points: {times}."
     )
+    period = {"update every": lambda case: "a cloud" if case["period"] < 1 else "10 clouds"}
+    return Section("Recording", [about, table_of(section["cases"], period | CASE)])
 
 
 def _tuning(section: Results) -> Section:
-    rows = [
-        [case["criterion"], str(case["thresholds"])]
-        + [quartiles(case[name]) for name in ("batch_ms", "curve_ms", "ratio")]
-        for case in section["cases"]
-    ]
-    return Section(
-        "Tuning",
-        [
-            f"The AICc of {section['points']:,} simulated points at every threshold of the grid, "
-            "as `ellipseg tune` computes it.",
-            Table(["criterion", "thresholds", "batch, ms", "curve, ms", "ratio"], rows),
-        ],
+    columns = {"criterion": text("criterion"), "thresholds": text("thresholds")}
+    columns |= {"batch, ms": spreads("batch_ms"), "curve, ms": spreads("curve_ms")}
+    columns |= {"ratio": spreads("ratio")}
+    about = (
+        f"The AICc of {section['points']:,} simulated points at every threshold of the grid, as "
+        "`ellipseg tune` computes it."
     )
+    return Section("Tuning", [about, table_of(section["cases"], columns)])
 
 
 def _publishing(section: Results) -> Section:
@@ -190,59 +162,51 @@ def _publishing(section: Results) -> Section:
         ["build and publish, nothing changed", quartiles(section["publish_unchanged_ms"]), ""],
         ["until received, everything changed", quartiles(section["received_ms"]), ""],
     ]
-    return Section(
-        "Publishing",
-        [
-            f"{section['points']:,} points, {section['ellipsoids']:,} ellipsoids, three topics, a "
-            "subscriber in another process.",
-            Table(["step", "ms", "bytes"], rows),
-        ],
+    about = (
+        f"{section['points']:,} points, {section['ellipsoids']:,} ellipsoids, three topics, a "
+        "subscriber in another process."
     )
+    return Section("Publishing", [about, Table(["step", "ms", "bytes"], rows)])
 
 
 def _latency(section: Results) -> Section:
-    rows = [
-        [case["stream"], f"{case['points']:,}", f"{case['window_s']:g} s"]
-        + [str(case["clouds"]), str(case["latency_ms"]["updates"])]
-        + [number(case["latency_ms"][name]) for name in ("p50", "p99")]
-        + [number(case["diagnostics_ms"][name]) for name in ("p50", "p99")]
-        + [str(case["updates_coalesced"]), number(case["peak_memory_mb"])]
-        for case in section["cases"]
-    ]
-    head = ["stream", "points", "window", "clouds", "updates", "p50, ms", "p99, ms"]
-    head += ["node's p50, ms", "node's p99, ms", "coalesced", "peak, MB"]
-    return Section(
-        "Latency",
-        [
-            "The node over DDS, in real time, an update every "
-            f"{section['update_period_s']:g} s: from the publication of a cloud until another "
-            "process has received the last topic of its update, once the window is full. The "
-            "node's own values are those of /diagnostics, without transport, over its last 100 "
-            "updates. *Coalesced*: updates processed together because the node was behind, over "
-            "the whole run.",
-            Table(head, rows),
-        ],
+    about = (
+        f"The node over DDS, in real time, an update every {section['update_period_s']:g} s: from "
+        "the publication of a cloud until another process has received the last topic of its "
+        "update, once the window is full. The node's own values are those of /diagnostics, "
+        "without transport, over its last 100 updates. *Coalesced*: updates processed together "
+        "because the node was behind, over the whole run."
     )
+    columns: dict[str, Cell] = {
+        "stream": text("stream"),
+        "points": text("points", ","),
+        "window": lambda case: f"{case['window_s']:g} s",
+        "clouds": text("clouds"),
+        "updates": lambda case: str(case["latency_ms"]["updates"]),
+        "p50, ms": lambda case: number(case["latency_ms"]["p50"]),
+        "p99, ms": lambda case: number(case["latency_ms"]["p99"]),
+        "node's p50, ms": lambda case: number(case["diagnostics_ms"]["p50"]),
+        "node's p99, ms": lambda case: number(case["diagnostics_ms"]["p99"]),
+        "coalesced": text("updates_coalesced"),
+        "peak, MB": numbers("peak_memory_mb"),
+    }
+    return Section("Latency", [about, table_of(section["cases"], columns)])
 
 
 def _memory(section: Results) -> Section:
-    return Section(
-        "Memory",
-        [
-            f"The node with {section['points']:,} points in its window of "
-            f"{section['window_s']:g} s, at its default settings, with subscribers to all topics: "
-            f"at most {number(section['peak_mb'])} MB resident."
-        ],
+    about = (
+        f"The node with {section['points']:,} points in its window of {section['window_s']:g} s, "
+        "at its default settings, with subscribers to all topics: at most "
+        f"{number(section['peak_mb'])} MB resident."
     )
+    return Section("Memory", [about])
 
 
 def _start(section: Results) -> Section:
     names = {"warm_s": "compiled cache warm", "cold_s": "compiled cache empty"}
-    rows = [[text, quartiles(section[name])] for name, text in names.items() if name in section]
-    return Section(
-        "Start",
-        ["From the start of the process until the node is ready.", Table(["start", "s"], rows)],
-    )
+    rows = [[what, quartiles(section[key])] for key, what in names.items() if key in section]
+    about = "From the start of the process until the node is ready."
+    return Section("Start", [about, Table(["start", "s"], rows)])
 
 
 SECTIONS: dict[str, Callable[[Results], Section]] = {

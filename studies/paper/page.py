@@ -5,7 +5,7 @@ from typing import Any
 from ellipseg_ros.core.criteria import CRITERIA
 from studies.paper.facts import KINDS
 from studies.paper.findings import ADDITIONAL, FINDINGS, SMALL_LOSS, Finding, judge
-from studies.report.page import Page, Section, Table
+from studies.report.page import Page, Section, Table, table_of, text
 
 Facts = dict[str, Any]
 
@@ -64,8 +64,8 @@ def page(facts: Facts) -> Page:
     changed = facts["settings"]
     settings = ", ".join(f"`{name}` {value}" for name, value in changed.items())
     figures = [
-        Section(heading, [f"![{heading}](paper_{name}.png)", *([text] if text else [])], level=3)
-        for name, (heading, text) in FIGURES.items()
+        Section(heading, [f"![{heading}](paper_{name}.png)", *([note] if note else [])], level=3)
+        for name, (heading, note) in FIGURES.items()
         if name in facts["figures"]
     ]
     return Page(
@@ -113,13 +113,22 @@ def _shared(facts: Facts) -> Table:
 
 
 def _minima(facts: Facts) -> Table:
-    head = ["scene", "points", "criterion", "τ", "AICc", "variance", "bias", "ellipsoids"]
-    head += ["completion", "default τ", "loss there"]
-    rows = []
-    for scene in facts["scenes"]:
-        for name, one in scene["criteria"].items():
-            row = [scene["name"], f"{scene['points']:,}", name, f"{one['threshold']:.3g}"]
-            row += [f"{one[key]:.2f}" for key in ("aicc", "variance", "bias")]
-            row += [f"{one['count']:,}", f"{one['completion']:.1%}", f"{one['default']:g}"]
-            rows.append([*row, f"{one['loss_at_default']:.4f}"])
-    return Table(head, rows)
+    rows = [
+        {"scene": scene["name"], "points": scene["points"], "criterion": name} | one
+        for scene in facts["scenes"]
+        for name, one in scene["criteria"].items()
+    ]
+    columns = {
+        "scene": text("scene"),
+        "points": text("points", ","),
+        "criterion": text("criterion"),
+        "τ": text("threshold", ".3g"),
+        "AICc": text("aicc", ".2f"),
+        "variance": text("variance", ".2f"),
+        "bias": text("bias", ".2f"),
+        "ellipsoids": text("count", ","),
+        "completion": text("completion", ".1%"),
+        "default τ": text("default", "g"),
+        "loss there": text("loss_at_default", ".4f"),
+    }
+    return table_of(rows, columns)

@@ -2,12 +2,23 @@
 
 from typing import Any
 
-from studies.partition.evaluation import DEFAULT, Evaluation
+from studies.partition.evaluation import DEFAULT
 from studies.partition.means import evaluation_at, groups, means, pairs, targets
 from studies.partition.methods import OBJECTS
 from studies.partition.peers import CUT_PURSUIT
 from studies.partition.targets import COUNTS
-from studies.report.page import Page, Section, Table, not_measured, number, quartiles, share
+from studies.report.page import (
+    Page,
+    Section,
+    Table,
+    not_measured,
+    numbers,
+    quartiles,
+    share,
+    shares,
+    table_of,
+    text,
+)
 from studies.report.requirements import requirement_table
 
 Results = dict[str, Any]
@@ -82,6 +93,12 @@ SCORES = {
     "boundary_precision": "BP",
     "under_segmentation": "UE",
 }
+COST = {
+    "covered": text("covered", ".2f"),
+    "s": numbers("seconds"),
+    "CPU s": numbers("cpu_s"),
+    "MB": numbers("memory_mb"),
+}
 INSTANCES = {"ari": "ARI", "precision": "precision", "recall": "recall", "quality": "PQ"}
 
 
@@ -141,7 +158,8 @@ def _means(heading: str, scans: list[Results], results: Results) -> list[Section
     """A table of means for every target."""
     names = [method["name"] for method in results["methods"]]
     columns = SCORES | (INSTANCES if any(scan["instances"] for scan in scans) else {})
-    head = ["method", "clouds", "segments", *columns.values(), "covered", "s", "CPU s", "MB"]
+    table = {"method": text("method"), "clouds": text("scans"), "segments": text("count", ",.0f")}
+    table |= {name: shares(key) for key, name in columns.items()} | COST
     about = (
         f"Over {', '.join(scan['name'] for scan in scans)}. In each table all rows are over the "
         "same clouds: those on which all methods shown reached the target. A method that reached "
@@ -149,22 +167,11 @@ def _means(heading: str, scans: list[Results], results: Results) -> list[Section
     )
     sections = [Section(f"{heading}: means", [about])]
     for target in targets(results):
-        rows = [_mean(row, columns) for row in means(scans, names, target)]
+        rows = means(scans, names, target)
         if rows:
             title = "default settings" if target == DEFAULT else f"{target:,} segments"
-            sections.append(Section(f"{heading}, {title}", [Table(head, rows)], level=3))
+            sections.append(Section(f"{heading}, {title}", [table_of(rows, table)], level=3))
     return sections
-
-
-def _mean(row: Evaluation, columns: dict[str, str]) -> list[str]:
-    return [
-        row["method"],
-        str(row["scans"]),
-        f"{row['count']:,.0f}",
-        *(share(row[name]) for name in columns),
-        f"{row['covered']:.2f}",
-        *(number(row[name]) for name in ("seconds", "cpu_s", "memory_mb")),
-    ]
 
 
 def _clouds(results: Results) -> list[Section]:
@@ -196,12 +203,10 @@ def _score(scan: Results, method: str, target: int | str) -> str:
 
 
 def _methods(results: Results) -> Section:
-    rows = [
-        [row["name"], row["version"], row["parameter"] or "number of segments", row["grid"]]
-        for row in results["methods"]
-    ]
-    names = [row[0] for row in rows]
+    names = [method["name"] for method in results["methods"]]
+    columns = {"method": text("name"), "version": text("version")}
+    columns["searched parameter"] = lambda method: method["parameter"] or "number of segments"
+    columns["grid of other settings"] = text("grid")
     missing = [not_measured(results["missing"])] if results["missing"] else []
     note = [CUT_PURSUIT_NOTE] if CUT_PURSUIT.name in names else []
-    table = Table(["method", "version", "searched parameter", "grid of other settings"], rows)
-    return Section("Methods", [table, *missing, *note])
+    return Section("Methods", [table_of(results["methods"], columns), *missing, *note])

@@ -3,7 +3,7 @@
 import json
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,8 @@ class Table:
         return "\n".join(lines)
 
 
+Record = dict[str, Any]  # of results
+Cell = Callable[[Record], str]
 Part = str | Table  # a paragraph or Markdown of several lines; a table
 
 
@@ -124,6 +126,31 @@ def quartiles(value: dict[str, Any] | None) -> str:
 def not_measured(missing: dict[str, str]) -> str:
     """A sentence that names what was not measured and why."""
     return "Not measured: " + "; ".join(f"{name} ({why})" for name, why in missing.items()) + "."
+
+
+def table_of(records: Iterable[Record], columns: dict[str, Cell]) -> Table:
+    """A row per record and a column per name, whose function formats the cell of a record."""
+    return Table(list(columns), [[cell(one) for cell in columns.values()] for one in records])
+
+
+def text(key: str, form: str = "") -> Cell:
+    """Cells with `record[key]` in a format; a dash if it is missing."""
+    return lambda record: "-" if record.get(key) is None else f"{record[key]:{form}}"
+
+
+def numbers(key: str) -> Cell:
+    """Cells with three significant digits of `record[key]`."""
+    return lambda record: number(record[key])
+
+
+def shares(key: str) -> Cell:
+    """Cells with the score `record[key]`."""
+    return lambda record: share(record.get(key))
+
+
+def spreads(key: str) -> Cell:
+    """Cells with median and quartiles of `record[key]`."""
+    return lambda record: quartiles(record.get(key))
 
 
 def json_text(results: Any, levels: int = 2) -> str:

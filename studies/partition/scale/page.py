@@ -3,7 +3,7 @@
 from typing import Any
 
 from studies.partition.scale.cuts import DOUBLING
-from studies.report.page import Page, Section, Table, number, share
+from studies.report.page import Cell, Page, Section, Table, number, share, shares, table_of, text
 
 Results = dict[str, Any]
 
@@ -140,15 +140,14 @@ def _gain(name: str, curve: dict[float, float], current: float) -> list[str]:
 
 def _scene(scene: Results, current: float) -> Section:
     truth = {key: text for key, text in TRUTH.items() if any(key in row for row in scene["rows"])}
-    rows = []
-    for row in scene["rows"][::DOUBLING]:
-        scale = number(row["scale"])
-        scores = [share(row.get(name)) for name in (*COLUMNS, *truth)]
-        marked = f"**{scale}**" if row["scale"] == current else scale
-        rows.append([marked, f"{row['objects']:,}", *scores])
+
+    def scale(row: Results) -> str:
+        return f"**{number(current)}**" if row["scale"] == current else number(row["scale"])
+
+    columns: dict[str, Cell] = {"scale": scale, "objects": text("objects", ",")}
+    columns |= {name: shares(key) for key, name in (COLUMNS | truth).items()}
     size = (
         f"{scene['points']:,} points in {scene['segments']:,} segments, window of "
         f"{scene['window_s']:.0f} s, {scene['pairs']} pairs of updates."
     )
-    head = ["scale", "objects", *COLUMNS.values(), *truth.values()]
-    return Section(scene["name"], [size, Table(head, rows)])
+    return Section(scene["name"], [size, table_of(scene["rows"][::DOUBLING], columns)])
