@@ -157,10 +157,10 @@ def test_the_stage_clock_restores_the_pipeline():
 def test_a_nested_stage_counts_once():
     clock = stages.StageClock()
     inner = clock.wrap("ids", lambda: time.sleep(0.02))
-    outer = clock.wrap("result", inner)
+    outer = clock.wrap("segments", inner)
     outer()
     assert clock.seconds["ids"] >= 0.02
-    assert clock.seconds["result"] < 0.01
+    assert clock.seconds["segments"] < 0.01
 
 
 def test_thinning_takes_a_share_evenly():
