@@ -1,4 +1,4 @@
-"""The records that pass from stage to stage.
+"""The records that the stages of the pipeline exchange, and that users get.
 
 Row i of every array of a record belongs to the same thing.
 """
@@ -14,16 +14,14 @@ from ellipseg_ros.errors import InputError
 
 Array: TypeAlias = npt.NDArray[Any]
 
-Layout: TypeAlias = "np.dtype[Any] | None"  # of structured arrays
-
 SECOND = 1_000_000_000  # ns
-MAX_FIELDS_BYTES = 1024  # of the fields of a point: one that claims more is garbage
-NOBODY: Array = np.zeros(0, np.int64)
-NEGLIGIBLE = 0.2  # share of a motion below which its description omits it
 
-ISOLATED = -1  # in `labels`: no neighbour within the isolation distance
-REJECTED = -2  # NaN, infinite or absurdly far
-THINNED = -3  # left out by `max_points_per_second`
+# The fate of a point in a window is its entry in `labels`: 0 or more is the row of its segment.
+ISOLATED = -1  # no neighbour within the isolation distance
+REJECTED = -2  # NaN, infinite, or beyond the largest coordinate
+THINNED = -3  # omitted by `max_points_per_second`
+
+NEGLIGIBLE_SHARE = 0.2  # of a motion: its description omits a smaller part
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Sweep:
     # (n,) int64, ns from the stamp; zeros where not given
     fields: Array | None = None  # (n,) structured: every field of the input cloud, x, y, z too
     frame_id: str = ""
-    restart: str = ""  # why the window must start anew with this sweep; empty: it goes on
+    restart: str = ""  # why the window must restart with this sweep; empty: it continues
 
     def __post_init__(self) -> None:
         points = np.ascontiguousarray(self.points, dtype=np.float64)
@@ -73,86 +71,6 @@ class Sweep:
             offsets_ns=self.offsets_ns[mask],
             fields=None if self.fields is None else self.fields[mask],
         )
-
-
-def join_sweeps(sweeps: list[Sweep]) -> Sweep:
-    """Several sweeps as one, in order: the newest stamp, the frame and restart of the first."""
-    if len(sweeps) == 1:
-        return sweeps[0]
-    newest = max(sweep.stamp_ns for sweep in sweeps)
-    return replace(
-        sweeps[0],
-        stamp_ns=newest,
-        points=np.concatenate([s.points for s in sweeps]),
-        offsets_ns=np.concatenate([s.times_ns for s in sweeps]) - newest,
-        fields=join_fields([s.fields for s in sweeps], [len(s) for s in sweeps]),
-    )
-
-
-def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
-    """Structured arrays below one another; what a part lacks is NaN there, or 0 if integer.
-
-    Parts of one layout keep it (offsets and padding too); others get the union of all fields.
-    """
-    given = [part for part in parts if part is not None and len(part)]
-    if not given:
-        return next((part for part in parts if part is not None), None)
-    layout = given[0].dtype
-    if any(part.dtype != layout for part in given):
-        layout = _union([part.dtype for part in given])
-    joined = np.zeros(sum(lengths), layout)
-    start = 0
-    for part, length in zip(parts, lengths, strict=True):
-        rows = joined[start : start + length]
-        start += length
-        if part is not None and part.dtype == layout:
-            rows[...] = part
-            continue
-        for name in layout.names or ():
-            if part is not None and name in (part.dtype.names or ()):
-                with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
-                    rows[name] = part[name]
-            elif np.issubdtype(layout[name].base, np.floating):
-                rows[name] = np.nan
-    return joined
-
-
-def clashing_field(one: Layout, other: Layout) -> str:
-    """Name of a field that has another count in the other layout; empty if they can be joined."""
-    if one is None or other is None or one == other:
-        return ""
-    for name in one.names or ():
-        if name in (other.names or ()) and one[name].shape != other[name].shape:
-            return name
-    return ""
-
-
-def too_wide(one: Layout, other: Layout) -> bool:
-    """Whether the fields of both, where they differ and don't clash, are too much for a point.
-
-    Every point of a window has the fields of all: one cloud must not make all others larger.
-    """
-    joined = joined_layout(one, other)
-    return joined not in (None, one, other) and joined.itemsize > MAX_FIELDS_BYTES
-
-
-def joined_layout(one: Layout, other: Layout) -> Layout:
-    """What holds the fields of both, which must not clash."""
-    if one is None or other is None or one == other:
-        return one if other is None else other
-    return _union([one, other])
-
-
-def _union(layouts: list[np.dtype[Any]]) -> np.dtype[Any]:
-    found: dict[str, np.dtype[Any]] = {}
-    for layout in layouts:
-        for name in layout.names or ():
-            other = layout[name]
-            known = found.get(name, other)
-            if known.shape != other.shape:
-                raise InputError(f"field {name} has different counts; it must have one", "fields")
-            found[name] = np.dtype((np.promote_types(known.base, other.base), other.shape))
-    return np.dtype(list(found.items()))
 
 
 @dataclass(frozen=True)
@@ -296,7 +214,9 @@ class Landmarks:
     covariance: Array  # (l, 6, 6), m, rad: of the determined motions, see DETERMINED; else 0
     stability: Array  # (l,) float64: RMS motion in the last updates, in standard deviations
     first_seen_ns: Array  # (l,) int64: end of the window in which it was first a landmark
-    segments: Ragged = field(default_factory=lambda: Ragged(np.zeros(1, np.int64), NOBODY))
+    segments: Ragged = field(
+        default_factory=lambda: Ragged(np.zeros(1, np.int64), np.zeros(0, np.int64))
+    )
     # (l,) rows of int64: the segments, ascending, that its points are in
     point_labels: Array = field(default_factory=lambda: np.zeros(0, np.int32))
     # (n,) int32: the landmark of every point of the window, -1 for none
@@ -357,7 +277,7 @@ def _motion_name(translation: Array, rotation: Array) -> str:
     parts = []
     for name, vector in (("translation along", translation), ("rotation about", rotation)):
         length = float(np.linalg.norm(vector))
-        if length > NEGLIGIBLE:
+        if length > NEGLIGIBLE_SHARE:
             x, y, z = vector / length + 0.0
             parts.append(f"{name} ({x:.2f}, {y:.2f}, {z:.2f})")
     return " with ".join(parts)
@@ -365,7 +285,7 @@ def _motion_name(translation: Array, rotation: Array) -> str:
 
 @dataclass(frozen=True)
 class Counts:
-    """The points of a window by fate; they add up to all of them."""
+    """Number of points in a window by fate; they add up to all points."""
 
     segmented: int
     isolated: int
@@ -387,41 +307,41 @@ class Segmentation:
     threshold: float
     origin: Array  # (3,) m: subtracted before anything was computed; exact in float64
 
-    points: Array  # (n, 3) float64, m, world frame, as they came
+    points: Array  # (n, 3) float64, m, world frame, as received
     arrival: Array  # (n,) int64: serial number since the last reset
     times_ns: Array  # (n,) int64
     fields: Array | None  # (n,) structured: the input's own fields
     frame_id: str
 
-    ids: Array  # (s,) uint32, from 1, never used twice in a run
+    ids: Array  # (s,) uint32, from 1, never reused in a run
     state: Array  # (s,) uint8, see State
     parents: Ragged  # (s,) rows of uint32: other old ids that gave points to the segment
-    removed: Array  # (r,) uint32: ids that the last update had and this one has not
-    objects: Objects | None  # None: not asked for
-    removed_objects: Array  # (r,) uint32: ids that the last update had and this one has not
-    adjacency: SegmentAdjacency | None  # None: neither objects nor landmarks are on
-    landmarks: Landmarks | None  # None: not asked for
+    removed: Array  # (r,) uint32: ids of the last update that are not in this one
+    objects: Objects | None  # None: not enabled
+    removed_objects: Array  # (r,) uint32: ids of the last update that are not in this one
+    adjacency: SegmentAdjacency | None  # None: neither objects nor landmarks are enabled
+    landmarks: Landmarks | None  # None: not enabled
     first_seen_ns: Array  # (s,) int64: time of the oldest point
     last_seen_ns: Array  # (s,) int64: of the newest
 
     start_ns: int  # the window holds the points with start_ns < t <= end_ns
     end_ns: int
     late: int  # points of this update that were older than the window, and are not in it
-    evicted: int  # points that left the window early with this update, for `max_points`
+    evicted: int  # points that `max_points` removed from the window in this update
     sequence: int  # number of this update, from 0, not restarted by a reset
-    restart: str  # why the window began anew with this update; empty: it did not
-    threshold_change: str = ""  # why criterion or threshold are others than before; empty: same
+    restart: str  # why the window restarted with this update; empty: it did not
+    threshold_change: str = ""  # why criterion or threshold changed; empty: they did not
 
     @property
     def counts(self) -> Counts:
-        """How many points have which fate."""
+        """Number of points of each fate."""
         tally = np.bincount(self.labels - THINNED, minlength=4)
         return Counts(int(tally[3:].sum()), int(tally[2]), int(tally[1]), int(tally[0]))
 
     @property
     def point_ids(self) -> Array:
         """(n,) uint32: the id of every point's segment, 0 where it has none (field `label`)."""
-        ids = np.append(self.ids, np.uint32(0))  # row -1 is the 0
+        ids = np.append(self.ids, np.uint32(0))  # row -1 is this 0
         return ids[np.maximum(self.labels, -1)]
 
     @property
@@ -434,5 +354,5 @@ class Segmentation:
     @property
     def point_object_ids(self) -> Array:
         """(n,) uint32: the id of every point's object, 0 where it has none (field `object`)."""
-        ids = np.append(self.object_ids, np.uint32(0))  # row -1 is the 0
+        ids = np.append(self.object_ids, np.uint32(0))  # row -1 is this 0
         return ids[np.maximum(self.labels, -1)]

@@ -1,13 +1,14 @@
 import pytest
 
-from ellipseg_ros.config import Config, GraphConfig, NodeConfig, flatten, walk, with_values
+from ellipseg_ros.config import Config, GraphConfig, NodeConfig
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.settings import flatten, iterate_settings, with_values
 
 
 def test_every_setting_has_a_meaning_and_its_default_is_within_its_limits():
     for config in (Config(), NodeConfig()):
-        for name, value, limits in walk(config):
+        for name, value, limits in iterate_settings(config):
             assert limits.about, name
             assert with_values(config, {name: value}) == config
             if limits.low is not None:

@@ -16,17 +16,10 @@ from pathlib import Path
 
 import ellipseg_ros
 from ellipseg_ros.cli.parser import build_parser
-from ellipseg_ros.config import (
-    AssociationConfig,
-    AssociatorConfig,
-    Checked,
-    Config,
-    MapConfig,
-    NodeConfig,
-    walk,
-)
+from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Place
+from ellipseg_ros.settings import Checked, iterate_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "reference"
@@ -85,7 +78,7 @@ def parameter_table(records: Iterable[Checked]) -> str:
     kinds = {float: "double", int: "int", str: "string", bool: "bool"}
     rows = []
     for record in records:
-        for name, value, about in walk(record):
+        for name, value, about in iterate_settings(record):
             limits = ", ".join(about.choices)
             if about.low is not None:
                 limits = f"{about.low:g} ... {about.high:g}" if about.high else f">= {about.low:g}"

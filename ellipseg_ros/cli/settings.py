@@ -7,8 +7,9 @@ from typing import Any
 
 import yaml  # PyYAML, which ROS itself reads parameter files with
 
-from ellipseg_ros.config import Config, NodeConfig, Value, flatten, with_values
+from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.settings import Value, flatten, with_values
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import yaml
 
 from ellipseg_ros.cli.report import Summary, print_results, print_status, write_summary
 from ellipseg_ros.cli.settings import Settings
-from ellipseg_ros.config import flatten
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing, write_text
+from ellipseg_ros.settings import flatten
 from ellipseg_ros.tuning.choice import Choice, choose
 from ellipseg_ros.tuning.curve import COLUMNS, curve_from
 from ellipseg_ros.tuning.tasks import Curves, as_json, in_force

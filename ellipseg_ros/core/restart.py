@@ -2,15 +2,14 @@
 
 from typing import NamedTuple
 
-from ellipseg_ros.records import (
+from ellipseg_ros.core.fields import (
     MAX_FIELDS_BYTES,
-    SECOND,
     Layout,
-    Sweep,
     clashing_field,
     joined_layout,
     too_wide,
 )
+from ellipseg_ros.records import SECOND, Sweep
 
 
 class StreamState(NamedTuple):

@@ -6,17 +6,9 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
+from ellipseg_ros.core.fields import Layout, join_fields, joined_layout
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.records import (
-    REJECTED,
-    SECOND,
-    THINNED,
-    Array,
-    Layout,
-    Sweep,
-    join_fields,
-    joined_layout,
-)
+from ellipseg_ros.records import REJECTED, SECOND, THINNED, Array, Sweep
 
 MAX_COORDINATE_M = 1e8  # beyond is no measurement (the Earth's radius is 6.4e6 m)
 MAX_WINDOW_BYTES = 2**30  # of the fields of a window: 2 million points of 512 bytes

@@ -8,12 +8,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ellipseg_ros.core.fields import MAX_FIELDS_BYTES
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
 from ellipseg_ros.io.colours import id_colours
 from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.point_times import OFFSET, time_offsets
-from ellipseg_ros.records import MAX_FIELDS_BYTES, Array, Segmentation, Sweep
+from ellipseg_ros.records import Array, Segmentation, Sweep
 
 Layout: TypeAlias = np.dtype[Any]
 

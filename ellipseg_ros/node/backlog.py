@@ -6,8 +6,9 @@ from threading import Condition
 from typing import TypeAlias
 
 from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.core.fields import Layout, join_sweeps, joined_layout
 from ellipseg_ros.core.window import max_window_points
-from ellipseg_ros.records import Layout, Sweep, join_sweeps, joined_layout
+from ellipseg_ros.records import Sweep
 
 
 @dataclass(frozen=True)

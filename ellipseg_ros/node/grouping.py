@@ -5,9 +5,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.core.restart import RestartRule
 from ellipseg_ros.core.window import MAX_WINDOW_BYTES
-from ellipseg_ros.records import SECOND, Sweep, join_sweeps
+from ellipseg_ros.records import SECOND, Sweep
 
 MAX_GROUP_MESSAGES = 10_000
 

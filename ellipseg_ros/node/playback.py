@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from threading import Condition
 
-from ellipseg_ros.config import Checked, Config, setting
+from ellipseg_ros.config import Config
 from ellipseg_ros.node.flow_control import FlowControl
 from ellipseg_ros.records import SECOND, Sweep
+from ellipseg_ros.settings import Checked, setting
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ellipseg_ros.association.associate import associate, warm_up
 from ellipseg_ros.association.landmark_map import LandmarkMap
-from ellipseg_ros.config import AssociationConfig, AssociatorConfig, MapConfig, flatten
+from ellipseg_ros.config import AssociationConfig, AssociatorConfig, MapConfig
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.limits import check_name, read_stamp
@@ -28,6 +28,7 @@ from ellipseg_ros.ros.limits import Pauses, Share, throttled
 from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, delete_all_markers, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.settings import flatten
 
 FILES = (0.1, 2.0)  # share of its time that maps may take to write and read, and s at once
 CALLS = (0.2, 1.0)  # share of a core that all but landmarks may take, and s at once

@@ -13,8 +13,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ellipseg_ros.config import Checked, Setting, Value, flatten, walk, with_values
 from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.settings import Checked, Setting, Value, flatten, iterate_settings, with_values
 
 # What rclpy itself declares, whatever the node.
 STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -38,7 +38,7 @@ class Parameters:
         self._changed: Callable[[], None] = lambda: None
         self._records = self._with(self._take_given())
         for record in self._records:
-            for name, value, about in walk(record):
+            for name, value, about in iterate_settings(record):
                 node.declare_parameter(name, value, descriptor(value, about), ignore_override=True)
         node.add_pre_set_parameters_callback(self._as_declared)
         node.add_on_set_parameters_callback(self._check)
@@ -123,7 +123,7 @@ def as_yaml(*records: Checked, of: str = "segmenter") -> str:
     ]
     section: list[str] = []
     for record in records:
-        for name, value, about in walk(record):
+        for name, value, about in iterate_settings(record):
             *path, last = name.split(".")
             if path != section:
                 lines += [f"    {'  ' * k}{part}:" for k, part in enumerate(path)]

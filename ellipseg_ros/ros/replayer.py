@@ -14,7 +14,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from ellipseg_ros.config import Checked, setting
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.sources import open_source
@@ -24,6 +23,7 @@ from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, Spinner, run
 from ellipseg_ros.ros.subscriptions import header_stamp_ns
+from ellipseg_ros.settings import Checked, setting
 
 DEPTH = 1000  # clouds kept for a slow subscriber
 FAREWELL = Duration(seconds=1.0)  # that subscribers get to acknowledge the last clouds

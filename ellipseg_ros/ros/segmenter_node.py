@@ -10,7 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from ellipseg_ros.config import Config, NodeConfig, flatten
+from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.frames import looks_like_a_sensor, warning
 from ellipseg_ros.io.pointcloud2 import read_sweep
@@ -28,6 +28,7 @@ from ellipseg_ros.ros.outputs import Outputs
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
 from ellipseg_ros.ros.worker import Around, Worker
+from ellipseg_ros.settings import flatten
 
 PATIENCE = 1.0  # s that the worker gets for a last update when the node ends
 BRIEF = 0.1  # s that the tuner gets: it ends at once, or is at a tuning that takes long

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.config import Checked, setting
 from ellipseg_ros.records import SECOND, Array, Sweep
+from ellipseg_ros.settings import Checked, setting
 from ellipseg_ros.simulation import rays, scanner
 from ellipseg_ros.simulation.samples import boxes, trunk, wall
 from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND

@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ellipseg_ros.config import Checked, Config, setting
+from ellipseg_ros.config import Config
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.records import Array
+from ellipseg_ros.settings import Checked, setting
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.window_graph import WindowGraph, threshold_curve, window_graph
 

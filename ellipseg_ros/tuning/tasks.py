@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from typing import Any
 
-from ellipseg_ros.config import Config, flatten
+from ellipseg_ros.config import Config
 from ellipseg_ros.core.jit import single_threaded
+from ellipseg_ros.settings import flatten
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.search import Search, tune_window
 from ellipseg_ros.tuning.window_graph import window_graph

@@ -7,7 +7,8 @@ from itertools import islice
 import numpy as np
 
 from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
-from ellipseg_ros.records import SECOND, Array, Sweep, join_sweeps
+from ellipseg_ros.core.fields import join_sweeps
+from ellipseg_ros.records import SECOND, Array, Sweep
 from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
 
 SCENE = "industrial"

@@ -10,12 +10,13 @@ import numpy as np
 
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.io.bag import TYPES, node_types
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_fields
 from ellipseg_ros.node.grouping import Grouping, updates
 from ellipseg_ros.node.memory import state_bytes
-from ellipseg_ros.records import SECOND, Array, Segmentation, Sweep, join_sweeps
+from ellipseg_ros.records import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.segmenter import Segmenter
 from studies.endurance.endless_drive import EndlessDrive

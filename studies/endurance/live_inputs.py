@@ -3,8 +3,9 @@
 from dataclasses import dataclass, replace
 
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S
-from ellipseg_ros.config import Config, NodeConfig, flatten
+from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.records import SECOND
+from ellipseg_ros.settings import flatten
 from studies.endurance.cloud_messages import Cloud, Header, Time, large_cloud, serialized
 from studies.endurance.conversion import Consumer, Tally
 from studies.endurance.idle_report import idle_report

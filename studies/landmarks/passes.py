@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.records import Array, Sweep, join_sweeps
+from ellipseg_ros.core.fields import join_sweeps
+from ellipseg_ros.records import Array, Sweep
 from ellipseg_ros.simulation.simulator import simulate
 
 # Settings of simulator.Scene. All go along the same 75 m of the lane: the second pass is faster,

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import Source
-from ellipseg_ros.records import SECOND, Sweep, join_sweeps
+from ellipseg_ros.records import SECOND, Sweep
 from studies.landmarks.methods import OURS, Method
 from studies.landmarks.passes import Pass, TwoPasses
 from studies.landmarks.recognition import in_one_frame, recognitions

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.plots.style import save
 from ellipseg_ros.plots.window import INK, draw_levels
-from ellipseg_ros.records import join_sweeps
 from ellipseg_ros.segmenter import Segmenter
 from studies.partition.evaluation import DEFAULT, Evaluation
 from studies.partition.means import groups, means, targets

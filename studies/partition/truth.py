@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import SIMULATED, Source
-from ellipseg_ros.records import Array, join_sweeps
+from ellipseg_ros.records import Array
 from ellipseg_ros.simulation.shapes import Class
 from studies.partition.metrics import UNKNOWN
 from studies.partition.scan import Scan

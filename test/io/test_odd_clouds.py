@@ -9,6 +9,7 @@ import pytest
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core import window
+from ellipseg_ros.core.fields import MAX_FIELDS_BYTES
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import CLOUD, node_types
 from ellipseg_ros.io.limits import LAST_STAMP
@@ -16,7 +17,7 @@ from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.point_times import time_offsets
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
 from ellipseg_ros.node.grouping import Grouping
-from ellipseg_ros.records import MAX_FIELDS_BYTES, SECOND, Sweep
+from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
 from studies.endurance import conversion, update_check
 from studies.endurance.cloud_messages import Header, Time, large_cloud, serialized

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.core.window import Window
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.node.backlog import Backlog, ListAll, Overload, Reset, ShowAll, Update
-from ellipseg_ros.records import Sweep, join_sweeps
+from ellipseg_ros.records import Sweep
 
 
 def update(stamp, restart="", **settings):

@@ -3,9 +3,10 @@ import pytest
 from clouds import SECOND, stream
 
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.node.grouping import MAX_GROUP_MESSAGES, Grouping, updates
-from ellipseg_ros.records import Sweep, join_sweeps
+from ellipseg_ros.records import Sweep
 
 CONFIG = Config(update_period=1.0)
 

@@ -8,8 +8,8 @@ from matplotlib.colors import rgb_to_hsv
 from matplotlib.image import imread
 
 from ellipseg_ros.config import Config
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.plots import window as plots
-from ellipseg_ros.records import join_sweeps
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.simulation import simulator
 

@@ -15,7 +15,8 @@ import pytest
 from sources import ROOT, parse
 
 from ellipseg_ros.cli.parser import build_parser
-from ellipseg_ros.config import AssociationConfig, Config, MapConfig, NodeConfig, walk
+from ellipseg_ros.config import AssociationConfig, Config, MapConfig, NodeConfig
+from ellipseg_ros.settings import iterate_settings
 
 README = ROOT / "README.md"
 DOCS = ROOT / "docs"
@@ -231,7 +232,7 @@ def test_files_named_in_the_architecture_page_exist() -> None:
 
 def test_settings_named_in_the_pages_exist() -> None:
     configs = (Config(), NodeConfig(), AssociationConfig(), MapConfig())
-    known = {name for config in configs for name, _, _ in walk(config)}
+    known = {name for config in configs for name, _, _ in iterate_settings(config)}
     prefixes = ("graph.", "model.", "objects.s", "objects.t", "max_", "marker_")
     for page in WRITTEN_BY_US:
         named = {text.partition(":")[0] for text in inline_code(page) if text.startswith(prefixes)}

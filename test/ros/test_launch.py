@@ -8,9 +8,10 @@ from types import ModuleType, SimpleNamespace
 import pytest
 import yaml
 
-from ellipseg_ros.config import Config, NodeConfig, flatten
+from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Place
+from ellipseg_ros.settings import flatten
 
 ROOT = Path(__file__).resolve().parents[2]
 SEGMENTER = flatten(Config()) | flatten(NodeConfig()) | {"use_sim_time": False}

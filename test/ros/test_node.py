@@ -21,7 +21,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.config import Config, NodeConfig, walk
+from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
 from ellipseg_ros.msg import SegmentArray
@@ -30,6 +30,7 @@ from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
 from ellipseg_ros.ros.segmenter_node import SegmenterNode
 from ellipseg_ros.segmenter import Segmenter
+from ellipseg_ros.settings import iterate_settings
 from ellipseg_ros.simulation.simulator import simulate
 
 NODE = "/ellipseg_segmenter"
@@ -246,7 +247,7 @@ def test_points_that_are_no_numbers_are_counted(node, start):
 
 
 def test_every_setting_is_a_parameter_that_explains_itself(node):
-    settings = [*walk(Config()), *walk(NodeConfig())]
+    settings = [*iterate_settings(Config()), *iterate_settings(NodeConfig())]
     names = [name for name, _, _ in settings]
     described = node.me.describe(NODE, *names)
     for (name, value, about), found in zip(settings, described, strict=True):

@@ -16,18 +16,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from ellipseg_ros.config import (
-    AssociationConfig,
-    AssociatorConfig,
-    Config,
-    MapConfig,
-    NodeConfig,
-    flatten,
-)
+from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.ros.limits import Quota
 from ellipseg_ros.ros.parameters import Parameters, as_yaml
 from ellipseg_ros.ros.process import Spinner
+from ellipseg_ros.settings import flatten
 
 NODE = "/ellipseg_segmenter"
 ROOT = Path(__file__).resolve().parents[2]

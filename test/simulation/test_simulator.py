@@ -5,9 +5,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from ellipseg_ros.config import walk
+from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.errors import ConfigError
-from ellipseg_ros.records import Sweep, join_sweeps
+from ellipseg_ros.records import Sweep
+from ellipseg_ros.settings import iterate_settings
 from ellipseg_ros.simulation import rays, scanner, simulator
 from ellipseg_ros.simulation.rays import Lines, Terrain
 from ellipseg_ros.simulation.shapes import Class, Frame, Material, Model
@@ -107,7 +108,7 @@ def test_invalid_settings_are_refused_in_one_line():
 
 
 def test_every_setting_is_described():
-    assert all(about.about for _, _, about in walk(Scene()))
+    assert all(about.about for _, _, about in iterate_settings(Scene()))
 
 
 # --- the scanner

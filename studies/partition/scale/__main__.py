@@ -11,9 +11,10 @@ from ellipseg_ros.cli.options import SOURCES, add_segmentation_options, add_sour
 from ellipseg_ros.cli.report import progress_steps
 from ellipseg_ros.cli.settings import read_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.config import Config, flatten
+from ellipseg_ros.config import Config
 from ellipseg_ros.errors import ConfigError, EllipsegError
 from ellipseg_ros.io.sources import SIMULATED
+from ellipseg_ros.settings import flatten
 from studies.partition.scale.chart import draw
 from studies.partition.scale.cuts import study_scene
 from studies.partition.scale.page import page
