@@ -6,11 +6,11 @@ import numpy as np
 
 from ellipseg_ros.records import Array
 
-SPARE = 2.0  # rows made per row needed
+SPARE_FACTOR = 2.0  # rows allocated per row needed
 
 
 class Column:
-    """A window on an array to which rows are only appended: what was given out never changes."""
+    """A view on an array to which rows are only appended: views taken before never change."""
 
     def __init__(self, values: Array) -> None:
         self._buffer = values
@@ -18,23 +18,23 @@ class Column:
 
     @property
     def dtype(self) -> Any:
-        """What the rows are of."""
+        """Type of the rows."""
         return self._buffer.dtype
 
     @property
     def values(self) -> Array:
-        """The rows of now; read only."""
+        """The current rows; read only."""
         rows: Array = self._buffer[self._start : self._stop]
         rows.flags.writeable = False
         return rows
 
-    def drop(self, gone: Array) -> None:
-        """Take out the rows where `gone` (n,) bool; copies only if others came before them."""
-        first = int(np.argmin(gone)) if len(gone) else 0
-        if gone.all():
-            first = len(gone)
-        if gone[first:].any():
-            self._buffer = self.values[~gone]
+    def drop(self, dropped: Array) -> None:
+        """Drop the rows where `dropped` (n,) bool; copies only if kept rows precede them."""
+        first = int(np.argmin(dropped)) if len(dropped) else 0
+        if dropped.all():
+            first = len(dropped)
+        if dropped[first:].any():
+            self._buffer = self.values[~dropped]
             self._start, self._stop = 0, len(self._buffer)
         else:
             self._start += first
@@ -44,10 +44,10 @@ class Column:
         if not len(rows):
             return
         if self._stop + len(rows) > len(self._buffer):
-            living = self.values
-            size = round(SPARE * (len(living) + len(rows)))
-            self._buffer = np.empty((size, *living.shape[1:]), living.dtype)
-            self._buffer[: len(living)] = living
-            self._start, self._stop = 0, len(living)
+            kept = self.values
+            size = round(SPARE_FACTOR * (len(kept) + len(rows)))
+            self._buffer = np.empty((size, *kept.shape[1:]), kept.dtype)
+            self._buffer[: len(kept)] = kept
+            self._start, self._stop = 0, len(kept)
         self._buffer[self._stop : self._stop + len(rows)] = rows
         self._stop += len(rows)

@@ -14,7 +14,7 @@ from ellipseg_ros.ros.limits import throttled
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.ros.tuner import Tuned, Tuner
 from ellipseg_ros.tuning.curve import Curve
-from ellipseg_ros.tuning.live import Hysteresis, Verdict, at_once, report
+from ellipseg_ros.tuning.live import Decision, Hysteresis, decide_by_one, report
 
 ASKED, BY_ITSELF = "tuned", "auto_tuned"  # reasons of a change, as in SegmentArray.msg
 SET = "set"
@@ -63,9 +63,9 @@ class LiveTuning:
         if tuned.curve is None or problem:
             self._refuse(problem, response, header)
             return
-        verdict = at_once(tuned.curve, tuned.config.tau)
-        self._carry_out(tuned, tuned.curve, verdict, ASKED)
-        response.success, response.message = True, report(tuned.curve, verdict)
+        decision = decide_by_one(tuned.curve, tuned.config.tau)
+        self._carry_out(tuned, tuned.curve, decision, ASKED)
+        response.success, response.message = True, report(tuned.curve, decision)
         self._send(response, header)
 
     def _by_itself(self, tuned: Tuned) -> None:
@@ -73,8 +73,8 @@ class LiveTuning:
         if tuned.curve is None or problem:
             self._node.get_logger().warning(f"no tuning: {problem}", **throttled())
             return
-        verdict = self._hysteresis.judge(tuned.curve, tuned.config.tau)
-        self._carry_out(tuned, tuned.curve, verdict, BY_ITSELF)
+        decision = self._hysteresis.decide(tuned.curve, tuned.config.tau)
+        self._carry_out(tuned, tuned.curve, decision, BY_ITSELF)
 
     def _problem(self, tuned: Tuned) -> str:
         """Why a curve is of no use; empty if it is."""
@@ -85,29 +85,30 @@ class LiveTuning:
             return "criterion or threshold was changed meanwhile; call again after an update"
         return tuned.problem
 
-    def _carry_out(self, tuned: Tuned, curve: Curve, verdict: Verdict, reason: str) -> None:
-        self._curves.publish(message(tuned, curve, verdict))
+    def _carry_out(self, tuned: Tuned, curve: Curve, decision: Decision, reason: str) -> None:
+        self._curves.publish(message(tuned, curve, decision))
         self._health.tuned(curve, tuned.seconds)
-        if not verdict.changed:
+        if not decision.changed:
             return
         self.reason = reason
         try:
-            self._node.set_parameters([Parameter("threshold", value=verdict.threshold)])
+            self._node.set_parameters([Parameter("threshold", value=decision.threshold)])
         finally:
             self.reason = SET
         self._node.get_logger().info(
-            f"{reason}: threshold {verdict.present:g} -> {verdict.threshold:.4g}, {verdict.reason}"
+            f"{reason}: threshold {decision.present:g} -> {decision.threshold:.4g}, "
+            f"{decision.reason}"
         )
 
 
-def message(tuned: Tuned, curve: Curve, verdict: Verdict) -> TuningCurve:
+def message(tuned: Tuned, curve: Curve, decision: Decision) -> TuningCurve:
     """A curve, and what came of it."""
     made = TuningCurve(
         criterion=curve.criterion,
         points=curve.points,
-        present=verdict.present,
-        chosen=verdict.threshold,
-        reason=verdict.reason,
+        present=decision.present,
+        chosen=decision.threshold,
+        reason=decision.reason,
         singletons=curve.singletons,
         threshold=curve.threshold.tolist(),
         aicc=curve.aicc.tolist(),

@@ -13,7 +13,7 @@ from ellipseg_ros.records import ISOLATED, SECOND, Segmentation
 from ellipseg_ros.ros.limits import Share
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.tuning.curve import Curve
-from ellipseg_ros.tuning.live import LIVE
+from ellipseg_ros.tuning.live import LIVE_SEARCH
 from ellipseg_ros.tuning.search import tune
 
 NICE = 10  # lower priority than the updates
@@ -147,7 +147,7 @@ def work(found: Segmentation, config: Config) -> Tuned:
     try:
         points = found.points[found.labels >= ISOLATED]
         with single_threaded():  # the pool is for the updates
-            curve = tune(points, config, LIVE, found.origin)
+            curve = tune(points, config, LIVE_SEARCH, found.origin)
     except Exception as error:
         problem = f"the tuning failed: {type(error).__name__}: {' '.join(str(error).split())}"
         return Tuned(found, config, None, problem)

@@ -1,1 +1,1 @@
-"""Thresholds by AICc: of one window, of many, on this machine, on a cluster, and live."""
+"""Tuning of the threshold by AICc: one window, many, on processes or a cluster, and live."""

@@ -12,8 +12,8 @@ class Choice:
     """The threshold that is best over all windows, and what it costs in each.
 
     Best is the lowest mean loss. The loss of a window is relative to what merging gains in it, so
-    that all count the same, however many points they have. The worst loss is told, but does not
-    decide: it would hang on one odd window and on the noise in it.
+    that all have the same weight, whatever their number of points. The worst loss is reported, but
+    does not decide: it would depend on a single odd window and its noise.
     """
 
     criterion: str

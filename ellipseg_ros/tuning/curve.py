@@ -7,12 +7,12 @@ import numpy as np
 
 from ellipseg_ros.records import Array
 
-SMALLEST = 1e-300  # in place of a threshold of 0, which has no logarithm
+MIN_THRESHOLD = 1e-300  # in place of a threshold of 0, which has no logarithm
 
 
 @dataclass(frozen=True)
 class Curve:
-    """What a criterion makes of one window at every threshold; t thresholds, ascending."""
+    """AICc and number of segments of one window by threshold; t thresholds, ascending."""
 
     criterion: str
     points: int  # that have neighbours: the vertices of the graph
@@ -39,7 +39,7 @@ class Curve:
 
     @property
     def loss(self) -> Array:
-        """(t,) how much of what merging can gain is given away: 0 at the least AICc.
+        """(t,) share of the possible gain by merging that is lost: 0 at the least AICc.
 
         (AICc - least) / (AICc of singletons - least). Where no merging gains anything: 0 at the
         least AICc, 1 elsewhere.
@@ -57,11 +57,13 @@ class Curve:
 
         Beyond the ends it is that at the end.
         """
-        wanted, known = (np.log(np.maximum(x, SMALLEST)) for x in (thresholds, self.threshold))
+        wanted, known = (
+            np.log(np.maximum(x, MIN_THRESHOLD)) for x in (thresholds, self.threshold)
+        )
         return np.interp(wanted, known, self.loss)
 
     def with_rows_of(self, other: "Curve") -> "Curve":
-        """Both curves of the same window as one."""
+        """The curve joined with another one of the same window."""
         threshold = np.concatenate([self.threshold, other.threshold])
         threshold, rows = np.unique(threshold, return_index=True)
         return replace(
@@ -82,7 +84,7 @@ COLUMNS = ("threshold", "aicc", "variance", "bias", "count", "completion", "loss
 
 
 def curve_from(values: dict[str, Any]) -> Curve:
-    """The curve that `as_dict` has written."""
+    """The curve from the output of `Curve.as_dict`."""
     return Curve(
         criterion=values["criterion"],
         points=values["points"],

@@ -1,4 +1,4 @@
-"""Tuning while the vehicle drives: what is tried, and when a change is worth it."""
+"""Tuning while the vehicle drives: the search, and when its result changes the threshold."""
 
 import json
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ from ellipseg_ros.tuning.choice import choose
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.search import Search
 
-LIVE = Search(count=24, refinements=1, finer=6)  # a third of the work of the offline search
-CLEAR_LOSS = 0.02  # at the present threshold: less is not worth a change
-AGREEING = 2  # curves in a row that must ask for a change in the same direction
+LIVE_SEARCH = Search(count=24, refinements=1, finer=6)  # a third of the work of the offline search
+MIN_LOSS = 0.02  # at the present threshold: a smaller loss is not worth a change
+MIN_CURVES = 2  # consecutive curves that must favour a change in the same direction
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What one curve leads to."""
+class Decision:
+    """The threshold that a curve leads to."""
 
     present: float  # the threshold in force when the window was segmented
-    threshold: float  # the one to use from now on; `present` for no change
+    threshold: float  # to use from now on; `present` for no change
     reason: str
 
     @property
@@ -29,46 +29,46 @@ class Verdict:
 
 
 class Hysteresis:
-    """Changes the threshold only where the gain is clear, so that it does not follow noise.
+    """Changes the threshold only where the gain is clear, so as not to follow noise.
 
-    Where the loss at the present threshold is above CLEAR_LOSS in AGREEING curves in a row, and
+    Where the loss at the present threshold is above MIN_LOSS in MIN_CURVES curves in a row, and
     all have their minimum on the same side of it, the least mean loss of these curves decides.
     """
 
     def __init__(self) -> None:
         self._present = 0.0
-        self._curves: list[Curve] = []  # in a row, that ask for the same
+        self._curves: list[Curve] = []  # consecutive, that favour the same direction
 
-    def judge(self, curve: Curve, present: float) -> Verdict:
-        """Take the next curve, which must hold the threshold in force."""
+    def decide(self, curve: Curve, present: float) -> Decision:
+        """Decide after one more curve, which must include the threshold in force."""
         kept = self._curves if present == self._present else []
         self._present, self._curves = present, []
         side = _side(curve, present)
         loss = float(curve.loss[curve.row(present)])
-        if loss <= CLEAR_LOSS:
-            return Verdict(present, present, f"loss {loss:.4f} is small enough")
+        if loss <= MIN_LOSS:
+            return Decision(present, present, f"loss {loss:.4f} is small enough")
         same = [k for k in kept if k.criterion == curve.criterion and _side(k, present) == side]
         self._curves = [*same, curve]
-        if len(self._curves) < AGREEING:
-            return Verdict(present, present, f"loss {loss:.4f}; waiting for another such curve")
+        if len(self._curves) < MIN_CURVES:
+            return Decision(present, present, f"loss {loss:.4f}; waiting for another such curve")
         threshold = choose(self._curves, present).threshold
         self._curves = []
-        return Verdict(present, threshold, f"loss {loss:.4f} in {AGREEING} curves in a row")
+        return Decision(present, threshold, f"loss {loss:.4f} in {MIN_CURVES} curves in a row")
 
 
-def at_once(curve: Curve, present: float) -> Verdict:
-    """The best threshold of one curve, as somebody has asked for it."""
+def decide_by_one(curve: Curve, present: float) -> Decision:
+    """Decide for the best threshold of one curve, as on request."""
     loss = float(curve.loss[curve.row(present)])
     if loss == 0.0:
-        return Verdict(present, present, "it is the best already")
-    return Verdict(present, float(curve.threshold[curve.best]), f"loss {loss:.4f} before")
+        return Decision(present, present, "it is the best already")
+    return Decision(present, float(curve.threshold[curve.best]), f"loss {loss:.4f} before")
 
 
-def report(curve: Curve, verdict: Verdict) -> str:
-    """The curve for people, and in the last line as JSON."""
-    went = f"-> {verdict.threshold:.4g}" if verdict.changed else "stays"
+def report(curve: Curve, decision: Decision) -> str:
+    """The curve as a table, and in the last line as JSON."""
+    change = f"-> {decision.threshold:.4g}" if decision.changed else "stays"
     lines = [
-        f"{curve.criterion}: threshold {verdict.present:g} {went} ({verdict.reason}); "
+        f"{curve.criterion}: threshold {decision.present:g} {change} ({decision.reason}); "
         f"{curve.points:,} points",
         f"{'threshold':>10} {'AICc':>13} {'variance':>13} {'bias':>12} {'ellipsoids':>10} "
         f"{'merged':>7} {'loss':>7}",
@@ -81,10 +81,10 @@ def report(curve: Curve, verdict: Verdict) -> str:
             f"{threshold:>10.4g} {aicc:>13.6g} {variance:>13.6g} {bias:>12.5g} {count:>10,} "
             f"{merged:>7.1%} {loss:>7.4f}"
         )
-    facts = {"present": verdict.present, "chosen": verdict.threshold, "reason": verdict.reason}
+    facts = {"present": decision.present, "chosen": decision.threshold, "reason": decision.reason}
     return "\n".join([*lines, json.dumps(facts | curve.as_dict())])
 
 
 def _side(curve: Curve, present: float) -> int:
-    """Whether the minimum lies above (1) or below (-1) a threshold, or there (0)."""
+    """Whether the minimum lies above (1), below (-1) or at (0) a threshold."""
     return int(np.sign(curve.threshold[curve.best] - present))

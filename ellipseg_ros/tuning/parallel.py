@@ -1,8 +1,7 @@
-"""Many windows at once: on processes of this machine, or on a Dask cluster.
+"""Tuning of many windows in parallel: on processes of this machine, or on a Dask cluster.
 
-concurrent.futures of the standard library for the first, dask.distributed (BSD, the usual one for
-Python) for the second, behind the same two calls. Processes are spawned: a fork beside the threads
-of numba and OpenMP may hang.
+By concurrent.futures of the standard library, or dask.distributed (BSD, the usual choice for
+Python). Processes are spawned: a fork beside the threads of numba and OpenMP may hang.
 """
 
 import multiprocessing
@@ -22,19 +21,19 @@ from typing import NamedTuple
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.tuning.tasks import Curves, Task, run, run_single_threaded
 
-AHEAD = 2  # tasks under way per worker: none idles, and few windows are in memory
-PATIENCE = 10  # s that a scheduler gets to answer
+TASKS_PER_WORKER = 2  # submitted ahead: no worker idles, and few windows are in memory
+SCHEDULER_TIMEOUT_S = 10
 
 
 class Workers(NamedTuple):
-    """Who does the work."""
+    """Executes tasks."""
 
     cores: int
     submit: Callable[[Task], "Future[Curves]"]
 
 
 class Outcome(NamedTuple):
-    """What became of a task: curves, or in one line why there are none."""
+    """Result of a task: its curves, or one line on why there are none."""
 
     task: Task
     curves: Curves | None
@@ -42,21 +41,21 @@ class Outcome(NamedTuple):
 
 
 def outcomes(tasks: Iterable[Task], workers: Workers) -> Iterator[Outcome]:
-    """Yield what becomes of the tasks, as they end; one that fails is told, and the rest go on."""
-    under_way: dict[Future[Curves], Task] = {}
+    """Yield the outcomes of tasks as they end; a failed task does not stop the others."""
+    pending: dict[Future[Curves], Task] = {}
     for task in tasks:
-        under_way[workers.submit(task)] = task
-        if len(under_way) >= AHEAD * workers.cores:
-            yield from _ended(under_way)
-    while under_way:
-        yield from _ended(under_way)
+        pending[workers.submit(task)] = task
+        if len(pending) >= TASKS_PER_WORKER * workers.cores:
+            yield from _completed(pending)
+    while pending:
+        yield from _completed(pending)
 
 
-def _ended(under_way: "dict[Future[Curves], Task]") -> Iterator[Outcome]:
-    """Wait for the next tasks to end; those that have, in the order in which they began."""
-    done = wait(under_way, return_when=FIRST_COMPLETED).done
-    for future in [future for future in under_way if future in done]:
-        task = under_way.pop(future)
+def _completed(pending: "dict[Future[Curves], Task]") -> Iterator[Outcome]:
+    """Wait for the next tasks to end; their outcomes, in the order of submission."""
+    done = wait(pending, return_when=FIRST_COMPLETED).done
+    for future in [future for future in pending if future in done]:
+        task = pending.pop(future)
         error = future.exception()
         if error is None:
             yield Outcome(task, future.result())
@@ -72,7 +71,7 @@ def _one_line(error: BaseException) -> str:
 
 @contextmanager
 def this_process() -> Iterator[Workers]:
-    """No others: each task on all cores of this process, one after the other."""
+    """This process alone: one task after the other, each on all cores."""
 
     def submit(task: Task) -> "Future[Curves]":
         future: Future[Curves] = Future()
@@ -87,7 +86,7 @@ def this_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
-    """So many processes of this machine, each on one core."""
+    """`count` processes of this machine, each on one core."""
     pool = _Pool(count)
     try:
         yield Workers(count, pool.submit)
@@ -100,7 +99,7 @@ def processes(count: int) -> Iterator[Workers]:
 
 
 class _Pool:
-    """Processes that are replaced when one of them has died."""
+    """A process pool that is replaced when one of its processes has died."""
 
     def __init__(self, count: int) -> None:
         self._count = count
@@ -108,7 +107,7 @@ class _Pool:
 
     def _new(self) -> Executor:
         spawn = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._count, mp_context=spawn, initializer=_leave_interrupts)
+        return ProcessPoolExecutor(self._count, mp_context=spawn, initializer=_ignore_interrupts)
 
     def submit(self, task: Task) -> "Future[Curves]":
         try:
@@ -122,8 +121,8 @@ class _Pool:
         self._executor.shutdown(cancel_futures=True)
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C goes to every process of a terminal; the first one ends the others in order."""
+def _ignore_interrupts() -> None:
+    """Ignore Ctrl-C, which every process of a terminal gets: the first one ends the others."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -136,7 +135,7 @@ def dask(address: str) -> Iterator[Workers]:
     from distributed import Client
 
     try:
-        client = Client(address, timeout=PATIENCE)
+        client = Client(address, timeout=SCHEDULER_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise EllipsegError(
             f"no Dask scheduler answers at {address}; it must be one such as tcp://10.0.0.1:8786"

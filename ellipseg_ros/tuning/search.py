@@ -1,4 +1,4 @@
-"""Which thresholds are tried: a coarse grid, then finer ones around the minimum."""
+"""Search of the threshold of least AICc: a coarse grid, then refinements at the minimum."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ CRITERION_RANGE = -1.0
 
 @dataclass(frozen=True)
 class Search(Checked):
-    """How a minimum is looked for."""
+    """Parameters of the search."""
 
     lowest: float = setting(
         CRITERION_RANGE, "lowest threshold of the grid; -1: the criterion's", low=-1.0, high=1e9
@@ -26,13 +26,11 @@ class Search(Checked):
         CRITERION_RANGE, "highest threshold of the grid; -1: the criterion's", low=-1.0, high=1e9
     )
     count: int = setting(40, "thresholds of the grid, evenly spread in log", low=3, high=10_000)
-    refinements: int = setting(
-        2, "times that the steps around the minimum are divided again", low=0, high=10
-    )
-    finer: int = setting(8, "thresholds that a refinement adds", low=1, high=1000)
+    refinements: int = setting(2, "number of refinements around the minimum", low=0, high=10)
+    finer: int = setting(8, "thresholds added by a refinement", low=1, high=1000)
 
     def grid(self, criterion: str) -> Array:
-        """The thresholds (count,) that are tried first, ascending."""
+        """The thresholds (count,) of the grid, ascending."""
         given = (self.lowest, self.highest)
         low, high = (
             own if value == CRITERION_RANGE else value
@@ -47,7 +45,7 @@ class Search(Checked):
 
 
 def curve(points: Array, config: Config, thresholds: Array, origin: Array | None = None) -> Curve:
-    """The AICc of points (n, 3), m, under `config`, but at each of the thresholds (t,).
+    """AICc of the segmentation of points (n, 3), m, by `config` at each of the thresholds (t,).
 
     Every value is that of `segment(points, ...)` bit for bit, at a fraction of its cost:
     neighbours, initial ellipsoids and edges are computed once.
@@ -58,7 +56,7 @@ def curve(points: Array, config: Config, thresholds: Array, origin: Array | None
 def tune(
     points: Array, config: Config, search: Search | None = None, origin: Array | None = None
 ) -> Curve:
-    """Look for the threshold of least AICc on points (n, 3), m; `config` says all the rest.
+    """Search the threshold of least AICc for points (n, 3), m; other settings by `config`.
 
     The curve holds the grid, its refinements, and the threshold of `config`.
     """
@@ -66,7 +64,7 @@ def tune(
 
 
 def tune_window(window: WindowGraph, config: Config, search: Search) -> Curve:
-    """The same of a graph, which all criteria can share."""
+    """Search as `tune` does, on a graph, which all criteria can share."""
     config = replace(config, threshold=config.tau)
     found = threshold_curve(window, config, np.append(search.grid(config.criterion), config.tau))
     for _ in range(search.refinements):

@@ -1,4 +1,4 @@
-"""One window as a piece of work that can be sent anywhere, and its result as JSON."""
+"""The tuning of one window as a task for another process, and its result as JSON."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ Curves = dict[str, Curve]  # by criterion
 
 @dataclass(frozen=True)
 class Task:
-    """A window and all that its curves depend on; it carries the points, so that it needs no file.
+    """A window with everything that its curves depend on; it needs no file.
 
     The threshold of `config` is in force for its criterion; the others have their defaults.
     """
@@ -31,7 +31,7 @@ class Task:
 
     @property
     def key(self) -> str:
-        """A name for the result: other points, settings or versions have another one."""
+        """Identifies the result: it changes with points, settings and version."""
         settings = {**flatten(self.config), **flatten(self.search), "criteria": self.criteria}
         digest = hashlib.sha256(json.dumps([version("ellipseg_ros"), settings]).encode())
         digest.update(self.cut.points.tobytes())
@@ -40,7 +40,7 @@ class Task:
 
 
 def in_force(config: Config, criterion: str) -> Config:
-    """`config` for a criterion: with its own threshold, if it is that of another one."""
+    """`config` for a criterion; with its default threshold unless it is the one in force."""
     if criterion == config.criterion:
         return config
     return replace(config, criterion=criterion, threshold=None)
@@ -56,7 +56,7 @@ def run(task: Task) -> Curves:
 
 
 def run_single_threaded(task: Task) -> Curves:
-    """The same on one core, beside others that do the same."""
+    """Tune the window on one core, beside other processes."""
     with single_threaded():
         return run(task)
 

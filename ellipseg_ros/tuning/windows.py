@@ -1,4 +1,4 @@
-"""Sources, cut into the windows that are tuned on."""
+"""Windows of sources, for tuning."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ MIN_STEP_SHARE = 0.5  # a remainder at the end shorter than this share of a step
 
 @dataclass(frozen=True)
 class Cut:
-    """The points of one window, as the node would have them."""
+    """The points of one window of a source."""
 
     source: str
     number: int  # of the window in its source, from 0
@@ -26,10 +26,10 @@ class Cut:
 def windows(
     source: str, sweeps: Iterable[Sweep], config: Config, every: float | None = None
 ) -> Iterator[Cut]:
-    """Yield a window of `config.window_duration` every so many seconds; by default end to end.
+    """Yield windows of `config.window_duration`, one every `every` s; by default end to end.
 
-    A source shorter than a window, a single cloud for one, is one window; so is the rest at the
-    end of a source or before a restart, if it is at least half as long as a step.
+    A source shorter than a window, such as a single cloud, is one window; so is the remainder at
+    the end of a source or before a restart, if it is at least half as long as a step.
     """
     step = every or config.window_duration
     config = replace(config, update_period=step)

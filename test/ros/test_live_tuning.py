@@ -29,7 +29,7 @@ from ellipseg_ros.ros import limits, tuner
 from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.segmenter_node import SegmenterNode
 from ellipseg_ros.ros.tuner import Tuned, Tuner
-from ellipseg_ros.tuning.live import LIVE
+from ellipseg_ros.tuning.live import LIVE_SEARCH
 from ellipseg_ros.tuning.search import tune
 
 NODE = "/ellipseg_segmenter"
@@ -106,7 +106,7 @@ def test_a_call_sets_the_threshold_of_least_aicc_and_tells_the_curve(node):
     first = update(node, 11.0)
     assert first.threshold == BAD and first.threshold_change == ""
     points = np.concatenate([sweep(stamp).points for stamp in (10.0, 11.0)])
-    expected = tune(points, Config(threshold=BAD), LIVE)
+    expected = tune(points, Config(threshold=BAD), LIVE_SEARCH)
     answer = call(node)
     assert answer.success, answer.message
     told = json.loads(answer.message.splitlines()[-1])

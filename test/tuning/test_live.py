@@ -8,7 +8,7 @@ from clouds import street
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.tuning.curve import Curve
-from ellipseg_ros.tuning.live import CLEAR_LOSS, LIVE, Hysteresis, at_once, report
+from ellipseg_ros.tuning.live import LIVE_SEARCH, MIN_LOSS, Hysteresis, decide_by_one, report
 from ellipseg_ros.tuning.search import tune
 
 
@@ -23,7 +23,7 @@ def curve(best, loss, criterion="shape"):
 
 def chosen(*curves, present=4.0):
     judge = Hysteresis()
-    return [judge.judge(one, present).threshold for one in curves]
+    return [judge.decide(one, present).threshold for one in curves]
 
 
 def test_two_curves_in_a_row_that_agree_change_the_threshold():
@@ -32,7 +32,7 @@ def test_two_curves_in_a_row_that_agree_change_the_threshold():
 
 
 def test_a_small_loss_changes_nothing():
-    small = 0.99 * CLEAR_LOSS
+    small = 0.99 * MIN_LOSS
     assert chosen(*[curve(8.0, small)] * 5) == [4.0] * 5
     assert chosen(*[curve(4.0, 0.0)] * 5) == [4.0] * 5
 
@@ -51,31 +51,31 @@ def test_the_mean_loss_of_the_agreeing_curves_decides():
 
 def test_after_a_change_two_curves_must_agree_again():
     judge = Hysteresis()
-    assert [judge.judge(curve(8.0, 0.1), 4.0).threshold for _ in range(2)] == [4.0, 8.0]
-    assert judge.judge(curve(16.0, 0.1), 8.0).threshold == 8.0
+    assert [judge.decide(curve(8.0, 0.1), 4.0).threshold for _ in range(2)] == [4.0, 8.0]
+    assert judge.decide(curve(16.0, 0.1), 8.0).threshold == 8.0
 
 
 def test_a_threshold_set_by_hand_in_between_begins_anew():
     judge = Hysteresis()
-    judge.judge(curve(16.0, 0.1), 4.0)
-    assert judge.judge(curve(16.0, 0.1), 8.0).threshold == 8.0
-    assert judge.judge(curve(16.0, 0.1), 8.0).threshold == 16.0
+    judge.decide(curve(16.0, 0.1), 4.0)
+    assert judge.decide(curve(16.0, 0.1), 8.0).threshold == 8.0
+    assert judge.decide(curve(16.0, 0.1), 8.0).threshold == 16.0
 
 
 def test_asked_for_the_best_is_taken_at_once():
-    assert at_once(curve(8.0, 0.001), 4.0).threshold == 8.0
-    verdict = at_once(curve(4.0, 0.0), 4.0)
-    assert verdict.threshold == 4.0 and not verdict.changed
-    assert "is the best already" in verdict.reason
+    assert decide_by_one(curve(8.0, 0.001), 4.0).threshold == 8.0
+    decision = decide_by_one(curve(4.0, 0.0), 4.0)
+    assert decision.threshold == 4.0 and not decision.changed
+    assert "is the best already" in decision.reason
 
 
 def test_the_report_is_a_table_and_json():
-    found = tune(street(500, np.random.default_rng(0)), Config(), LIVE)
-    verdict = at_once(found, Config().tau)
-    head, _, *rows, last = report(found, verdict).splitlines()
-    assert head.startswith(f"shape: threshold {Config().tau:g} -> {verdict.threshold:.4g} (loss ")
+    found = tune(street(500, np.random.default_rng(0)), Config(), LIVE_SEARCH)
+    decision = decide_by_one(found, Config().tau)
+    head, _, *rows, last = report(found, decision).splitlines()
+    assert head.startswith(f"shape: threshold {Config().tau:g} -> {decision.threshold:.4g} (loss ")
     assert len(rows) == len(found.threshold)
     assert [float(row.split()[0]) for row in rows] == pytest.approx(found.threshold, rel=1e-3)
     told = json.loads(last)
     assert told["aicc"] == found.aicc.tolist()
-    assert (told["present"], told["chosen"]) == (Config().tau, verdict.threshold)
+    assert (told["present"], told["chosen"]) == (Config().tau, decision.threshold)
