@@ -127,7 +127,7 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
         clock=False,
         ahead=AHEAD * period,
         update_period=period,
-        patience=UPDATE_TIMEOUT_S,
+        update_timeout=UPDATE_TIMEOUT_S,
     )
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / BAG, settings.node))

@@ -76,7 +76,7 @@ def _observe(args: Namespace) -> GraphSnapshot:
     from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs a working ROS
 
     with GraphProbe(args.topic, args.namespace) as probe:
-        return probe.observe(args.seconds)
+        return probe.probe(args.seconds)
 
 
 def _speed(graph: GraphSnapshot | None, args: Namespace) -> Finding:

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from ellipseg_ros.doctor.clouds import check_clouds
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
 from ellipseg_ros.doctor.snapshot import GraphSnapshot, SegmenterInfo, Topic
-
-CLOUD = "sensor_msgs/msg/PointCloud2"
+from ellipseg_ros.io.topics import CLOUD, SEGMENTED_POINTS
 
 
 def check_graph(graph: GraphSnapshot, receive_buffer: int | None = None) -> Iterator[Finding]:
@@ -51,7 +50,8 @@ def _publishers(graph: GraphSnapshot) -> Iterator[Finding]:
 
 def _remapping(graph: GraphSnapshot) -> str:
     """The command that subscribes to another topic with clouds; empty if there is none."""
-    topics = [name for name in graph.other_cloud_topics if not name.endswith("segmented_points")]
+    other = graph.other_cloud_topics
+    topics = [name for name in other if not name.endswith(SEGMENTED_POINTS.name)]
     if not topics:
         return ""
     base = graph.topic.name.rpartition("/")[2]
@@ -129,8 +129,8 @@ def _health(segmenter: SegmenterInfo, seconds: float) -> Finding:
     text = f"{segmenter.node} reports: {segmenter.message}"
     latency = segmenter.values.get("latency median [s]")
     if latency:
-        waiting = segmenter.values.get("updates waiting")
-        text += f" (latency {latency} s, {waiting} updates waiting)"
+        waiting = segmenter.values.get("updates in backlog")
+        text += f" (latency {latency} s, {waiting} updates in backlog)"
     if not segmenter.level:
         return ok(text)
     level = warn if segmenter.level == 1 else error

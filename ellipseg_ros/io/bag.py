@@ -23,20 +23,11 @@ import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.io.bag_writer import BagWriter
-from ellipseg_ros.io.messages import Markers, write_landmarks
-from ellipseg_ros.io.pointcloud2 import read_sweep, write_labelled, write_sweep
-from ellipseg_ros.io.segment_stream import SegmentStream
+from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
+from ellipseg_ros.io.topics import BAG_TOPICS, CLOUD, POINTS, SEGMENTS
+from ellipseg_ros.io.update_messages import UpdateMessages
 from ellipseg_ros.records import Segmentation, Sweep
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
-TYPES = {
-    "/points": CLOUD,
-    "/segmented_points": CLOUD,
-    "/ellipsoids": "visualization_msgs/msg/MarkerArray",
-    "/segments": "ellipseg_ros/msg/SegmentArray",
-    "/landmarks": "ellipseg_ros/msg/LandmarkArray",
-}  # of the node's topics
-LAST = "/segments"  # of an update
 SUFFIXES = (".bag", ".mcap", ".db3")
 
 
@@ -169,8 +160,7 @@ class BagSink:
         if path.exists():
             raise InputError(f"{path} exists already; give a bag that is to be made", "exists")
         self.path = path
-        self._markers = Markers(config or NodeConfig())
-        self._segments = SegmentStream(config or NodeConfig())
+        self._messages = UpdateMessages(config or NodeConfig())
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> "BagSink":
@@ -195,26 +185,23 @@ class BagSink:
 
     def write_points(self, sweep: Sweep) -> None:
         """An input cloud, on /points."""
-        self.write("/points", sweep.stamp_ns, write_sweep(sweep))
+        self.write(f"/{POINTS.name}", sweep.stamp_ns, write_sweep(sweep))
 
     def write_update(self, found: Segmentation) -> None:
         """What the node publishes of one update, at the time of its newest point."""
-        self.write("/segmented_points", found.end_ns, write_labelled(found))
-        self.write("/ellipsoids", found.end_ns, self._markers.update(found))
-        if found.landmarks is not None:
-            self.write("/landmarks", found.end_ns, write_landmarks(found, found.landmarks))
-        self.write("/segments", found.end_ns, self._segments.update(found))
+        for topic, write in self._messages.writers(found).items():
+            self.write(f"/{topic.name}", found.end_ns, write())
 
     def write(self, topic: str, time_ns: int, message: bytes) -> None:
-        """A serialized message of one of the TYPES."""
+        """A serialized message of one of the BAG_TOPICS."""
         with self._one_line():
             if topic not in self._connections:
                 self._connections[topic] = self._writer.add_connection(
-                    topic, TYPES[topic], node_types()
+                    topic, BAG_TOPICS[topic].type, node_types()
                 )
             # A bag knows no time before 0, which own times of points can lead to.
             self._writer.write(self._connections[topic], max(0, time_ns), message)
-            if topic == LAST:
+            if topic == f"/{SEGMENTS.name}":  # the last of an update
                 self._writer.end_update()
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""LandmarkArray -> Landmarks, from any object with its fields."""
+"""Checking and conversion of LandmarkArray messages, of rclpy or rosbags."""
 
 from typing import Any
 
@@ -9,18 +9,19 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.records import Array, Landmarks
 
-MOST = 5000  # landmarks of a message: a window has hundreds, and each is held against the map
+MAX_LANDMARKS = 5000  # of a message; a window has hundreds, each compared with the whole map
 
 
 def read_landmarks(message: Any) -> Landmarks:
-    """The landmarks of a message, ascending by id.
+    """Convert a message to Landmarks in ascending order of id.
 
-    Raises InputError, in one line, for what cannot be: a kind that there is not, ids that occur
-    twice, numbers that are not finite, an orientation of length 0, too many landmarks.
+    Raises InputError, in one line, for an invalid message: unknown kinds, duplicate ids, numbers
+    that are not finite, orientations that are not of length 1, too many landmarks.
     """
-    if len(message.landmarks) > MOST:
+    if len(message.landmarks) > MAX_LANDMARKS:
         raise InputError(
-            f"there are {len(message.landmarks)} landmarks; {MOST} is the most", "many"
+            f"there are {len(message.landmarks)} landmarks; at most {MAX_LANDMARKS} are allowed",
+            "many",
         )
     rows = sorted(message.landmarks, key=lambda landmark: landmark.id)
     orientation = _table([_xyzw(row.orientation) for row in rows], 4)
@@ -28,27 +29,27 @@ def read_landmarks(message: Any) -> Landmarks:
         length = np.sqrt((orientation**2).sum(axis=1))
     if not (np.abs(length - 1.0) < 1e-3).all():
         raise InputError("a landmark's orientation is not of length 1", "orientation")
-    found = Landmarks(
+    landmarks = Landmarks(
         ids=np.array([row.id for row in rows], np.uint32),
         kind=np.array([row.kind for row in rows], np.uint8),
         count=np.array([row.count for row in rows], np.int64),
         position=_points(rows, "position"),
         axes=rotations(orientation / length[:, None]),
         sigma=_table([row.sigma for row in rows], 3),
-        box_min=_points(rows, "low"),
-        box_max=_points(rows, "high"),
+        box_min=_points(rows, "box_min"),
+        box_max=_points(rows, "box_max"),
         covariance=_table([row.covariance for row in rows], 36).reshape(-1, 6, 6),
         stability=np.array([row.stability for row in rows], np.float64),
         first_seen_ns=np.array([nanoseconds(row.first_seen) for row in rows], np.int64),
     )
-    if (np.diff(found.ids.astype(np.int64)) == 0).any():
+    if (np.diff(landmarks.ids.astype(np.int64)) == 0).any():
         raise InputError("a landmark's id occurs twice", "ids")
-    check_landmarks(found)
-    return found
+    check_landmarks(landmarks)
+    return landmarks
 
 
 def rotations(quaternions: Array) -> Array:
-    """(n, 4) x, y, z, w of length 1 -> (n, 3, 3)."""
+    """(n, 4) unit quaternions x, y, z, w -> (n, 3, 3) rotation matrices."""
     x, y, z, w = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -1,20 +1,20 @@
-"""What a message may ask for, looked at before anything is allocated or built on it."""
+"""Bounds on the content of messages, checked before anything is allocated for them."""
 
 from typing import Any
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import SECOND
 
-LONGEST_NAME = 255  # characters: of a frame and of a field, which go into every marker and header
-LAST_STAMP = 2**31 - 10**5  # s: int32, less the points' own times and the longest window
-SHOWN = 40  # characters of a name in an error
+MAX_NAME_LENGTH = 255  # characters of a frame or field, which markers and headers repeat
+MAX_STAMP_S = 2**31 - 10**5  # int32, less the longest point time offset and window
+SHOWN_LENGTH = 40  # characters of a name in an error
 
 
 def read_stamp(stamp: Any) -> int:
-    """A builtin_interfaces/Time in ns; InputError for what is none, or before 1970, as in ROS."""
-    if not (0 <= stamp.sec <= LAST_STAMP and 0 <= stamp.nanosec < SECOND):
+    """Convert a builtin_interfaces/Time to ns; InputError if it is invalid or before 1970."""
+    if not (0 <= stamp.sec <= MAX_STAMP_S and 0 <= stamp.nanosec < SECOND):
         raise InputError(
-            f"the stamp is {stamp.sec} s and {stamp.nanosec} ns; it must be 0 to {LAST_STAMP} s "
+            f"the stamp is {stamp.sec} s and {stamp.nanosec} ns; it must be 0 to {MAX_STAMP_S} s "
             f"and less than {SECOND} ns",
             "stamp",
         )
@@ -22,16 +22,16 @@ def read_stamp(stamp: Any) -> int:
 
 
 def nanoseconds(stamp: Any) -> int:
-    """A builtin_interfaces/Time in ns, whatever it says."""
+    """Convert a builtin_interfaces/Time to ns without checking it."""
     return int(stamp.sec) * SECOND + int(stamp.nanosec)
 
 
 def check_name(what: str, name: str) -> None:
-    """Refuse names of frames and fields that are too long, or not to be shown."""
-    if len(name) <= LONGEST_NAME and (not name or name.isprintable()):
+    """Raise InputError for a frame or field name that is too long or not printable."""
+    if len(name) <= MAX_NAME_LENGTH and (not name or name.isprintable()):
         return
     raise InputError(
-        f"{what} {name[:SHOWN]!r} has {len(name)} characters; it may have {LONGEST_NAME}, and "
-        "only printable ones",
+        f"{what} {name[:SHOWN_LENGTH]!r} has {len(name)} characters; it must have at most "
+        f"{MAX_NAME_LENGTH}, all printable",
         "name",
     )

@@ -1,64 +1,69 @@
-"""The messages of `segments`, update after update: everything now and then, else changes."""
+"""The messages of `segments`: full ones at intervals, and changes between them."""
 
 import numpy as np
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.io.messages import Listed, write_segments
+from ellipseg_ros.io.messages import Selection, write_segments
 from ellipseg_ros.records import SECOND, Array, Segmentation, State
 
-LOW = np.uint64(0xFFFFFFFF)
-HIGH = np.uint64(32)
-NONE = -2  # in place of a sequence number: no update follows it
+LOW_MASK = np.uint64(0xFFFFFFFF)
+HIGH_SHIFT = np.uint64(32)
+NO_UPDATE = -2  # a sequence number that precedes no other
 
 
 class SegmentStream:
-    """What a subscriber must be told after each update, so that it knows all segments of now.
+    """SegmentArray messages from which a subscriber can maintain all present segments.
 
-    Everything, as often as `full_segments_period` asks for it, at a restart, and if the update
-    before was not told, or could not be repeated for a newcomer; else what is not as it was.
+    A message is full once every `full_segments_period` of sensor time, at a restart, after an
+    update that was not sent, and after one that could not be resent to a new subscriber; else it
+    lists changes only.
     """
 
     def __init__(self, config: NodeConfig) -> None:
         self.configure(config)
-        self._pairs = np.zeros(0, np.uint64)  # id of object and segment, of all in the last update
-        self._sequence = NONE  # of the last update
-        self._end = 0  # ns: its end
-        self._repeatable = False  # whether `repeats` was true for it
+        self._pairs = np.zeros(0, np.uint64)  # object and segment id, of all in the last update
+        self._sequence = NO_UPDATE  # of the last update
+        self._end_ns = 0  # its end
+        self._resendable = False  # `sends_changes` when it was sent
 
     def configure(self, config: NodeConfig) -> None:
-        """Take new settings."""
-        self._period = round(config.full_segments_period * SECOND)
+        """Apply new settings from the next update on."""
+        self._period_ns = round(config.full_segments_period * SECOND)
 
     @property
-    def repeats(self) -> bool:
-        """Whether a newcomer needs the last update again, in full: the next may tell changes.
+    def sends_changes(self) -> bool:
+        """Whether a message may list changes only.
 
-        Where all list everything, a repeat would only be counted twice.
+        A new subscriber then needs the last update in full; else that would be a duplicate.
         """
-        return self._period > 0
+        return self._period_ns > 0
 
-    def update(self, found: Segmentation) -> bytes:
-        """A serialized ellipseg_ros/SegmentArray."""
-        pairs = np.sort(found.object_ids.astype(np.uint64) << HIGH | found.ids)
-        full = self._full_is_due(found)
-        listed = None if full else _changes(found, np.setxor1d(self._pairs, pairs, True))
-        self._pairs, self._sequence, self._end = pairs, found.sequence, found.end_ns
-        self._repeatable = self.repeats
-        return write_segments(found, listed)
+    def update(self, segmentation: Segmentation) -> bytes:
+        """Serialize an ellipseg_ros/SegmentArray."""
+        pairs = segmentation.object_ids.astype(np.uint64) << HIGH_SHIFT | segmentation.ids
+        pairs = np.sort(pairs)
+        selection = None
+        if not self._is_full(segmentation):
+            selection = _changes(segmentation, np.setxor1d(self._pairs, pairs, True))
+        self._pairs, self._sequence = pairs, segmentation.sequence
+        self._end_ns, self._resendable = segmentation.end_ns, self.sends_changes
+        return write_segments(segmentation, selection)
 
-    def _full_is_due(self, found: Segmentation) -> bool:
-        """When is a matter of stamps, so that it doesn't depend on who listened since when."""
-        if found.restart or found.sequence != self._sequence + 1:
+    def _is_full(self, segmentation: Segmentation) -> bool:
+        """Whether the message must be full; by stamps, so that subscribers have no influence."""
+        if segmentation.restart or segmentation.sequence != self._sequence + 1:
             return True
-        if not (self._repeatable and self.repeats):
+        if not (self._resendable and self.sends_changes):
             return True
-        return found.end_ns // self._period != self._end // self._period
+        return segmentation.end_ns // self._period_ns != self._end_ns // self._period_ns
 
 
-def _changes(found: Segmentation, other: Array) -> Listed:
-    """What has changed; other: pairs of object and segment that only were, or only are."""
-    segments = (found.state != State.UNCHANGED) | np.isin(found.ids, other & LOW)
-    if found.objects is None:
-        return Listed(segments, np.zeros(0, bool))
-    others = np.isin(found.objects.ids, other >> HIGH)
-    return Listed(segments, (found.objects.state != State.UNCHANGED) | others)
+def _changes(segmentation: Segmentation, pairs: Array) -> Selection:
+    """Select what has changed; pairs: of object and segment, that only one of the updates has."""
+    changed = segmentation.state != State.UNCHANGED
+    segments = changed | np.isin(segmentation.ids, pairs & LOW_MASK)
+    objects = segmentation.objects
+    if objects is None:
+        return Selection(segments, np.zeros(0, bool))
+    regrouped = np.isin(objects.ids, pairs >> HIGH_SHIFT)
+    return Selection(segments, (objects.state != State.UNCHANGED) | regrouped)

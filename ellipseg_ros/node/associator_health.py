@@ -1,71 +1,79 @@
-"""What the associator counts, and what that says of its health; for /diagnostics."""
+"""Counters of the associator and the health that follows from them, for /diagnostics."""
 
 import time
 from collections import Counter, deque
 
-from ellipseg_ros.node.health import ERROR, OK, REMEMBERED, SILENCE, WARN, Report, quantiles
+from ellipseg_ros.node.health import (
+    ERROR,
+    INPUT_TIMEOUT_S,
+    OK,
+    TIMED_UPDATES,
+    WARN,
+    Report,
+    quantiles,
+)
 from ellipseg_ros.node.memory import resident_mb
-from ellipseg_ros.records import Association
+from ellipseg_ros.records import Association, Verdict
 
 
 class AssociatorHealth:
-    """Counts of updates; for one thread.
+    """Counters of updates; for one thread.
 
-    ERROR: since the last report, every update was rejected. WARN: no landmarks for 5 s (or none
-    yet), or some rejected. OK: else, whatever the verdict.
+    ERROR: every update since the last report was rejected. WARN: no landmarks for 5 s (or none
+    yet), or some rejected. OK: otherwise, whatever the verdict.
     """
 
     def __init__(self) -> None:
         self._new: Counter[str] = Counter()  # since the last report
         self._total: Counter[str] = Counter()
-        self._why = ""  # the last one was rejected
-        self._heard_at = time.monotonic()
-        self._times: deque[float] = deque(maxlen=REMEMBERED)
+        self._last_rejection = ""
+        self._input_time = time.monotonic()
+        self._processing: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._last: Association | None = None
 
-    def rejected(self, why: str) -> None:
-        """Landmarks could not be used."""
-        self._heard_at = time.monotonic()
+    def rejected(self, reason: str) -> None:
+        """Count landmarks that can't be used."""
+        self._input_time = time.monotonic()
         self._new["rejected"] += 1
-        self._why = why
+        self._last_rejection = reason
 
-    def updated(self, found: Association, seconds: float) -> None:
-        """Landmarks were associated, which took so long."""
-        self._heard_at = time.monotonic()
+    def updated(self, association: Association, seconds: float) -> None:
+        """Count an association and its duration."""
+        self._input_time = time.monotonic()
         self._new["updates"] += 1
-        self._new[found.verdict.name] += 1
-        self._new["pairs"] += len(found)
-        self._times.append(seconds)
-        self._last = found
+        self._new[association.verdict.name] += 1
+        self._new["pairs"] += len(association)
+        self._processing.append(seconds)
+        self._last = association
 
-    def report(self, stored: int) -> Report:
-        """The health since the last report; `stored`: landmarks of the map."""
+    def report(self, map_size: int) -> Report:
+        """Summarize the time since the last report; map_size: number of stored landmarks."""
         self._total += self._new
         level, message = self._judge()
         self._new.clear()
-        return Report(level, message, self._values(stored))
+        return Report(level, message, self._values(map_size))
 
     def _judge(self) -> tuple[int, str]:
         if self._new["rejected"]:
-            every = not self._new["updates"]
-            return (ERROR if every else WARN), f"landmarks rejected: {self._why}"
+            level = WARN if self._new["updates"] else ERROR
+            return level, f"landmarks rejected: {self._last_rejection}"
         if not self._total["updates"]:
             return WARN, "no landmarks yet"
-        silence = time.monotonic() - self._heard_at
-        if silence > SILENCE:
-            return WARN, f"no landmarks for {silence:.0f} s"
+        idle = time.monotonic() - self._input_time
+        if idle > INPUT_TIMEOUT_S:
+            return WARN, f"no landmarks for {idle:.0f} s"
         return OK, "associating"
 
-    def _values(self, stored: int) -> dict[str, str]:
-        names = ("updates", "rejected", "pairs", "KNOWN", "PARTIAL", "AMBIGUOUS", "TOO_FEW")
+    def _values(self, map_size: int) -> dict[str, str]:
+        names = ("updates", "rejected", "pairs", *(verdict.name for verdict in Verdict))
         last = self._last
         return {
-            "landmarks of the map": str(stored),
+            "map landmarks": str(map_size),
             **{name.lower().replace("_", " "): str(self._total[name]) for name in names},
             "last verdict": last.verdict.name if last else "",
             "last pairs": str(len(last)) if last else "",
-            "last unknown": "; ".join(last.undetermined_names) if last else "",
-            "time since the last landmarks [s]": f"{time.monotonic() - self._heard_at:.1f}",
+            "last undetermined": "; ".join(last.undetermined_names) if last else "",
+            "time since the last landmarks [s]": f"{time.monotonic() - self._input_time:.1f}",
             "memory [MB]": f"{resident_mb():.0f}",
-            **quantiles("processing", self._times),
+            **quantiles("processing", self._processing),
         }

@@ -1,4 +1,4 @@
-"""What waits for the worker, in the order of arrival: updates, resets, wishes for all of it."""
+"""The queue of tasks between the callbacks and the worker, in the order of arrival."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -8,144 +8,139 @@ from typing import TypeAlias
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.core.fields import Layout, join_sweeps, joined_layout
 from ellipseg_ros.core.window import max_window_points
+from ellipseg_ros.io.topics import Topic
 from ellipseg_ros.records import Sweep
 
 
 @dataclass(frozen=True)
 class Update:
-    """A group of clouds to segment, and the settings of its time."""
+    """A group of clouds to segment, with the settings at its arrival."""
 
     sweep: Sweep
     config: Config
-    shown: NodeConfig
-    arrived: float  # s, monotonic clock: when the cloud that closed the group came
-    reason: str = "set"  # why the settings are as they are, if they have changed
+    node_config: NodeConfig
+    arrival: float  # s, monotonic clock: arrival of the cloud that closed the group
+    threshold_change: str = "set"  # reason of the last change of criterion or threshold
 
 
 @dataclass(frozen=True)
 class Reset:
-    """Forget the window."""
+    """Empty the window."""
 
     reason: str
 
 
 @dataclass(frozen=True)
-class ShowAll:
-    """Somebody new wants to see every marker."""
+class Resend:
+    """Send the last update to a new subscriber of a topic."""
+
+    topic: Topic
 
 
-@dataclass(frozen=True)
-class ListAll:
-    """Somebody new wants to know every segment."""
-
-
-Task = Update | Reset | ShowAll | ListAll
+Task: TypeAlias = Update | Reset | Resend
 
 
 @dataclass(frozen=True)
 class Overload:
-    """What became of groups that would have waited too long."""
+    """How `Backlog.put` enforced the limit on waiting updates."""
 
-    joined: int  # taken together with another one
-    given_up: int  # of a window that a restart ended: nobody would have seen them
-    points_given_up: int = 0  # in those
-    evicted: int = 0  # points that expired before they were segmented, for `max_points`
+    coalesced: int  # updates merged into another one
+    dropped: int  # updates of a window that a restart has ended
+    points_dropped: int = 0  # their points
+    evicted: int = 0  # points that `max_points` evicted before they were segmented
 
 
 class Batch:
-    """Groups that are taken together: joined once, when it is their turn."""
+    """Updates that are coalesced: their groups are joined once, when they are due."""
 
     def __init__(self, update: Update) -> None:
-        self._parts = deque([update])
+        self._updates = deque([update])
         self._layout = _layout(update.sweep)
-        self.restart = update.sweep.restart  # of the first group, which may have expired
+        self.restart = update.sweep.restart  # of the first group, which may have been evicted
         self.points = len(update.sweep)
 
     def add(self, later: "Batch") -> None:
-        """Take another one in; raises InputError if their fields cannot be joined."""
+        """Append a later batch; raises InputError if the fields of the two can't be joined."""
         self._layout = joined_layout(self._layout, later._layout)
-        self._parts += later._parts
+        self._updates += later._updates
         self.points += later.points
 
-    def make_room(self) -> int:
-        """Drop the oldest groups that `max_points` newer points follow; how many points.
+    def evict(self) -> int:
+        """Drop the oldest groups that would not stay in the window; return their points.
 
-        They would not stay in the window. It holds no more either if its fields have 1 GiB.
+        A window holds at most `max_points` points, and at most 1 GiB of fields.
         """
         before = self.points
-        limit = max_window_points(self._parts[-1].config.max_points, self._layout)
-        while limit and self.points - len(self._parts[0].sweep) >= limit:
-            self.points -= len(self._parts.popleft().sweep)
+        limit = max_window_points(self._updates[-1].config.max_points, self._layout)
+        while limit and self.points - len(self._updates[0].sweep) >= limit:
+            self.points -= len(self._updates.popleft().sweep)
         return before - self.points
 
     def joined(self) -> Update:
-        """One update with the newest settings, and with the oldest arrival for the latency."""
-        if len(self._parts) == 1 and self._parts[0].sweep.restart == self.restart:
-            return self._parts[0]
-        sweep = join_sweeps([part.sweep for part in self._parts])
-        return replace(
-            self._parts[-1],
-            sweep=replace(sweep, restart=self.restart),
-            arrived=self._parts[0].arrived,
-        )
+        """Join the groups to one update, with the newest settings and the oldest arrival."""
+        first, last = self._updates[0], self._updates[-1]
+        if first is last and first.sweep.restart == self.restart:
+            return first
+        sweep = join_sweeps([update.sweep for update in self._updates])
+        return replace(last, sweep=replace(sweep, restart=self.restart), arrival=first.arrival)
 
 
 def _layout(sweep: Sweep) -> Layout:
     return None if sweep.fields is None else sweep.fields.dtype
 
 
-Waiting: TypeAlias = Batch | Reset | ShowAll | ListAll
+Entry: TypeAlias = Batch | Reset | Resend
 
 
 class Backlog:
-    """A queue between two threads, with a limit on the updates that wait.
+    """A queue between two threads, with a limit on the number of waiting updates.
 
-    Beyond the limit, all groups since the last restart are taken together, and those before it
-    are given up. Of what is taken together, the oldest groups expire as they would in the window:
-    what waits is bounded by `max_points` and a group, however long an update takes.
+    Beyond the limit, all updates since the last restart are coalesced, and those before it are
+    dropped. Of coalesced updates the oldest groups are evicted as from the window: memory is
+    bounded by `max_points` and a group, however long an update takes.
     """
 
     def __init__(self) -> None:
-        self._tasks: deque[Waiting] = deque()
+        self._entries: deque[Entry] = deque()
         self._changed = Condition()
         self._closed = False
 
     def put(self, task: Task, max_updates: int = 0) -> Overload | None:
-        """Add a task; max_updates = 0: no limit. Returns what the limit did, if anything.
+        """Append a task; return what the limit did, if anything. max_updates = 0: no limit.
 
-        What waits already, and would do no more if it were done twice, is not added: a flood of
-        calls or of subscribers makes no flood of tasks.
-        Raises InputError if groups that must be taken together cannot be; they are given up.
+        A task that would repeat a waiting one is not appended, so that a flood of calls or of
+        subscribers does not become a flood of tasks.
+        Raises InputError if updates can't be coalesced; they are dropped.
         """
         with self._changed:
-            if self._is_twice(task):
+            if self._is_redundant(task):
                 return None
-            self._tasks.append(Batch(task) if isinstance(task, Update) else task)
+            self._entries.append(Batch(task) if isinstance(task, Update) else task)
             self._changed.notify()
             if not 0 < max_updates < self.waiting():
                 return None
-            tasks = list(self._tasks)
-            self._tasks = deque(task for task in tasks if not isinstance(task, Batch))
-            self._tasks, overload = _taken_together(tasks)
+            entries = list(self._entries)
+            self._entries = deque(item for item in entries if not isinstance(item, Batch))
+            self._entries, overload = _coalesce(entries)
             return overload
 
-    def _is_twice(self, task: Task) -> bool:
-        """Whether a task that waits does the same: a reset only if nothing came after it."""
+    def _is_redundant(self, task: Task) -> bool:
+        """Whether a waiting task has the same effect; for a reset: if no update follows it."""
         if isinstance(task, Reset):
-            others = [one for one in self._tasks if not isinstance(one, (ShowAll, ListAll))]
-            return bool(others) and isinstance(others[-1], Reset)
-        return isinstance(task, (ShowAll, ListAll)) and task in self._tasks
+            changes = [item for item in self._entries if not isinstance(item, Resend)]
+            return bool(changes) and isinstance(changes[-1], Reset)
+        return isinstance(task, Resend) and task in self._entries
 
     def get(self, timeout: float) -> Task | None:
-        """Wait for the next task; None after `timeout` s, and at once when closed."""
+        """Wait for the next task; None after `timeout` s, and immediately when closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._tasks or self._closed, timeout)
-            task = self._tasks.popleft() if self._tasks and not self._closed else None
-        # Joining takes a while, in which clouds can be put.
-        return task.joined() if isinstance(task, Batch) else task
+            self._changed.wait_for(lambda: self._entries or self._closed, timeout)
+            entry = self._entries.popleft() if self._entries and not self._closed else None
+        # Joining takes time, in which clouds must not be blocked.
+        return entry.joined() if isinstance(entry, Batch) else entry
 
     def close(self) -> None:
-        """Give out nothing more, and wake who waits."""
+        """Make `get` return None from now on."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -156,25 +151,26 @@ class Backlog:
         return self._closed
 
     def waiting(self) -> int:
-        """Number of updates that wait."""
-        return sum(isinstance(task, Batch) for task in list(self._tasks))
+        """Number of waiting updates."""
+        return sum(isinstance(entry, Batch) for entry in list(self._entries))
 
 
-def _taken_together(tasks: list[Waiting]) -> tuple[deque[Waiting], Overload]:
-    start = max((k for k, task in enumerate(tasks) if _restarts(task)), default=0)
-    old = [task for task in tasks[:start] if isinstance(task, Batch)]
-    new = [task for task in tasks[start:] if isinstance(task, Batch)]
-    others: list[Waiting] = [task for task in tasks[start:] if not isinstance(task, Batch)]
-    for later in new[1:]:
-        new[0].add(later)
+def _coalesce(entries: list[Entry]) -> tuple[deque[Entry], Overload]:
+    """Coalesce the updates since the last restart, and drop all entries before it."""
+    start = max((k for k, entry in enumerate(entries) if _restarts(entry)), default=0)
+    dropped = [entry for entry in entries[:start] if isinstance(entry, Batch)]
+    kept = [entry for entry in entries[start:] if isinstance(entry, Batch)]
+    others: list[Entry] = [entry for entry in entries[start:] if not isinstance(entry, Batch)]
+    for later in kept[1:]:
+        kept[0].add(later)
     overload = Overload(
-        max(0, len(new) - 1),
-        len(old),  # what was joined to them is counted already
-        sum(batch.points for batch in old),
-        new[0].make_room() if new else 0,
+        coalesced=max(0, len(kept) - 1),
+        dropped=len(dropped),  # updates merged into them count as coalesced already
+        points_dropped=sum(batch.points for batch in dropped),
+        evicted=kept[0].evict() if kept else 0,
     )
-    return deque([*others, *new[:1]]), overload
+    return deque([*others, *kept[:1]]), overload
 
 
-def _restarts(task: Waiting) -> bool:
-    return isinstance(task, Reset) or (isinstance(task, Batch) and bool(task.restart))
+def _restarts(entry: Entry) -> bool:
+    return isinstance(entry, Reset) or (isinstance(entry, Batch) and bool(entry.restart))

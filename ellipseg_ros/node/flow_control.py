@@ -1,4 +1,4 @@
-"""Keeps a replayer from running ahead of the node, by the updates that come back."""
+"""Flow control of a replayer by the updates that the node publishes."""
 
 from collections import deque
 
@@ -10,29 +10,31 @@ from ellipseg_ros.records import SECOND, Sweep
 
 
 class FlowControl:
-    """Knows which clouds close an update, and so which updates are still to come back.
+    """Predicts the node's updates from the sent clouds, and which of them are outstanding.
 
-    config: that of the node, for its update period and lateness.
-    ahead: s of sensor time that a cloud may be ahead of the last update that came back. With no
-        update outstanding a cloud may always go, so that neither gaps nor a short time block.
+    config: of the node, for its update period and lateness.
+    ahead: s of sensor time that a cloud may be ahead of the last acknowledged update. While no
+        update is outstanding every cloud may be sent, so that neither gaps nor a short `ahead`
+        block the replay.
     """
 
     def __init__(self, config: Config, ahead: float) -> None:
         self._grouping = Grouping(config)
-        self._ahead = round(ahead * SECOND)
-        self._outstanding: deque[tuple[int, int]] = deque()  # (run between restarts, ns: its end)
+        self._ahead_ns = round(ahead * SECOND)
+        self._outstanding: deque[tuple[int, int]] = deque()  # run between restarts; end, ns
         self._run = 0
-        self._end = 0  # ns: newest point of this run
-        self._back = 0  # ns: how far the node has come in this run
-        self.closed = 0  # updates that the node makes of what was sent
+        self._end_ns = 0  # newest point of this run
+        self._acknowledged_ns = 0  # end of the last acknowledged update of this run
+        self.updates = 0  # that the node makes of the sent clouds
 
     def may_send(self, sweep: Sweep) -> bool:
-        """Whether the cloud is near enough to the last update that came back."""
-        return not self._outstanding or sweep.stamp_ns <= self._back + self._ahead
+        """Whether the cloud is close enough to the last acknowledged update."""
+        limit_ns = self._acknowledged_ns + self._ahead_ns
+        return not self._outstanding or sweep.stamp_ns <= limit_ns
 
     def send(self, sweep: Sweep) -> None:
-        """Note that the cloud was sent."""
-        rows = min(1, len(sweep))  # one point tells as much as all
+        """Register a cloud that is sent."""
+        rows = min(1, len(sweep))  # grouping depends on the stamps and fields only
         token = Sweep(
             sweep.stamp_ns,
             np.zeros((rows, 3)),
@@ -42,47 +44,47 @@ class FlowControl:
             sweep.restart,
         )
         for group in self._grouping.push(token):
-            self._close(group)
+            self._expect(group)
 
-    def come_back(self, end_ns: int) -> None:
-        """Note that the update whose newest point is of `end_ns` has come back."""
+    def acknowledge(self, end_ns: int) -> None:
+        """Register a published update whose newest point is of `end_ns`."""
         for run, end in self._outstanding:
             if end == end_ns:
-                return self._drop_until(run, end)
-        # Not one of ours: the node's update period is another.
+                return self._remove_until(run, end)
+        # Not a predicted one: the node has another update period.
         if self._outstanding:
             first = self._outstanding[0][0]
             while self._outstanding and self._outstanding[0] <= (first, end_ns):
-                self._drop_until(*self._outstanding[0])
+                self._remove_until(*self._outstanding[0])
         return None
 
-    def give_up(self) -> int:
-        """Expect nothing more of what was sent; returns how many updates that are."""
-        lost = len(self._outstanding)
+    def abandon(self) -> int:
+        """Expect no more of the outstanding updates; return their number."""
+        count = len(self._outstanding)
         self._outstanding.clear()
-        self._back = self._end
-        return lost
+        self._acknowledged_ns = self._end_ns
+        return count
 
     @property
     def outstanding(self) -> int:
-        """Updates that have not come back."""
+        """Number of updates that are not acknowledged."""
         return len(self._outstanding)
 
-    def _close(self, group: Sweep) -> None:
-        begins = bool(group.restart) or not self.closed
-        if begins:
+    def _expect(self, group: Sweep) -> None:
+        starts_run = bool(group.restart) or not self.updates
+        if starts_run:
             self._run += 1
-            self._back = int(group.times_ns.min(initial=group.stamp_ns))
+            self._acknowledged_ns = int(group.times_ns.min(initial=group.stamp_ns))
         if len(group):
-            newest = int(group.times_ns.max())
-            self._end = newest if begins else max(self._end, newest)
-        elif begins:
-            self._end = group.stamp_ns
-        self._outstanding.append((self._run, self._end))
-        self.closed += 1
+            newest_ns = int(group.times_ns.max())
+            self._end_ns = newest_ns if starts_run else max(self._end_ns, newest_ns)
+        elif starts_run:
+            self._end_ns = group.stamp_ns
+        self._outstanding.append((self._run, self._end_ns))
+        self.updates += 1
 
-    def _drop_until(self, run: int, end: int) -> None:
+    def _remove_until(self, run: int, end: int) -> None:
         while self._outstanding and self._outstanding[0] <= (run, end):
             self._outstanding.popleft()
         if run == self._run:
-            self._back = max(self._back, end)
+            self._acknowledged_ns = max(self._acknowledged_ns, end)

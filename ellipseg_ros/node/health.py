@@ -1,4 +1,4 @@
-"""What the node counts, and what that says of its health; for /diagnostics, but without ROS."""
+"""Counters of the segmenter and the health that follows from them, for /diagnostics."""
 
 import math
 import time
@@ -16,33 +16,32 @@ from ellipseg_ros.records import SECOND, Segmentation
 from ellipseg_ros.tuning.curve import Curve
 
 OK, WARN, ERROR = 0, 1, 2  # as in diagnostic_msgs/DiagnosticStatus
-SILENCE = 5.0  # s without a cloud that deserve a warning
-STUCK = 60.0  # s of one update that are an error
-SLOW = 3  # updates in a row that are late before it is worth a warning
-REMEMBERED = 100  # updates whose times make the median and the 99th percentile
+INPUT_TIMEOUT_S = 5.0  # without input, before a warning
+UPDATE_TIMEOUT_S = 60.0  # of one update, before an error
+LATE_UPDATES = 3  # consecutive late updates before a warning
+TIMED_UPDATES = 100  # updates whose times give the median and the 99th percentile
 
 
 @dataclass(frozen=True)
 class Report:
-    """The node's health: level, one line, details by name."""
+    """A node's health as one diagnostic status."""
 
     level: int
-    message: str
+    message: str  # one line
     values: dict[str, str]
 
 
 class Health:
-    """Counts of clouds and updates; every method may be called from any thread.
+    """Counters of clouds and updates; every method is thread-safe.
 
-    Levels of the report, each over the time since the last one:
-    ERROR: an update takes longer than 60 s; clouds came and every one was rejected.
-    WARN: kernels are being loaded; no cloud for 5 s (or none yet); clouds rejected or lost;
-        updates taken together or given up; three updates in a row later than `update_period`;
-        points expired early for `max_points`; stamps that stand still, or jump
-        forward by more than the window; the frame looks like a sensor's; another node
-        publishes the same topics; the window began anew more than once.
-    OK: else.
-    The table under /diagnostics in README.md says what to do about each.
+    Levels of a report, each about the time since the previous one:
+    ERROR: an update has taken more than 60 s so far; every cloud was rejected.
+    WARN: kernels are loading; no cloud for 5 s (or none yet); clouds rejected or lost; updates
+        coalesced or dropped; three consecutive updates later than `update_period`; points evicted
+        for `max_points`; stamps that don't advance, or jump forward by more than the window; a
+        frame that looks like a sensor's; another publisher of the same topics; more than one
+        restart of the window.
+    OK: otherwise.
     """
 
     def __init__(self) -> None:
@@ -50,58 +49,57 @@ class Health:
         self._total: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
         self._rejected: Counter[str] = Counter()  # by reason
-        self._reported_reasons: Counter[str] = Counter()
-        self._began = self._reported_at = time.monotonic()
-        self._heard_at = self._began
+        self._reported_rejected: Counter[str] = Counter()
+        self._start = self._report_time = self._cloud_time = time.monotonic()
         self._ready = False
-        self._busy_since: float | None = None  # s, monotonic clock: when the worker began
-        self._updated_at: float | None = None  # of the last update
-        self._newest_ns: int | None = None  # its newest point
-        self._late: deque[float] = deque(maxlen=SLOW)  # latency / update_period of the last ones
-        self._latency: deque[float] = deque(maxlen=REMEMBERED)
-        self._processing: deque[float] = deque(maxlen=REMEMBERED)
+        self._work_start: float | None = None  # s, monotonic clock; None: the worker is idle
+        self._update_time: float | None = None  # s, monotonic clock, of the last update
+        self._newest_ns: int | None = None  # stamp of its newest point
+        self._lateness: deque[float] = deque(maxlen=LATE_UPDATES)  # latency / update_period
+        self._latency: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
+        self._processing: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._window: dict[str, str] = {}
-        self._still = 0  # clouds since the last one with a newer stamp
+        self._stalled = 0  # clouds since the last one with a newer stamp
         self._last_restart = ""
-        self._last_change = ""  # of the threshold
+        self._last_threshold_change = ""
         self._last_tuning = ""
-        self.rivals = 0  # other nodes that publish the same topics
+        self.other_publishers = 0  # other nodes that publish `segments`
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
 
     def ready(self) -> None:
-        """All kernels are compiled: clouds can come."""
+        """Note that all kernels are compiled and clouds are subscribed to."""
         with self._lock:
             self._ready = True
 
     @contextmanager
     def work(self) -> Iterator[None]:
-        """The worker is at something for the time of the block."""
-        self._busy_since = time.monotonic()
+        """Measure how long the worker has been busy with the block."""
+        self._work_start = time.monotonic()
         try:
             yield
         finally:
-            self._busy_since = None
+            self._work_start = None
 
     def cloud(self) -> None:
-        """A cloud has come, good or bad."""
+        """Count a received cloud, valid or not."""
         with self._lock:
             self._total["clouds"] += 1
-            self._heard_at = time.monotonic()
+            self._cloud_time = time.monotonic()
 
-    def stamps(self, still: int, gaps: int) -> None:
-        """What the stamps of the clouds are like: see stamps.StampMonitor."""
+    def stamps(self, stalled: int, gaps: int) -> None:
+        """Take over the counters of a StampMonitor."""
         with self._lock:
-            self._still = still
+            self._stalled = stalled
             self._total["gaps"] = gaps
 
     def rejected(self, reason: str) -> None:
-        """A cloud could not be used."""
+        """Count an invalid cloud."""
         with self._lock:
             self._total["refused"] += 1
             self._count_rejected(reason)
 
     def group_rejected(self, reason: str) -> None:
-        """Clouds that were good when they came could not be used together; counts as one."""
+        """Count valid clouds that can't be used together, as one."""
         with self._lock:
             self._count_rejected(reason)
 
@@ -109,127 +107,120 @@ class Health:
         self._total["rejected"] += 1
         self._rejected[reason] += 1
 
-    def lost(self, clouds: int) -> None:
-        """DDS has lost clouds on the way."""
-        self._add("lost", clouds)
-
-    def overloaded(
-        self, joined: int, given_up: int, points_given_up: int = 0, evicted: int = 0
-    ) -> None:
-        """Updates were taken together with others, or given up before a restart.
-
-        Points: of those given up; and of those that expired early, before their update.
-        """
-        self._add("joined", joined)
-        self._add("given up", given_up)
-        self._add("points given up", points_given_up)
-        self._add("evicted", evicted)
-
-    def _add(self, name: str, count: int) -> None:
+    def count(self, **counts: int) -> None:
+        """Add to counters: lost (clouds) or the fields of an Overload."""
         with self._lock:
-            self._total[name] += count
+            self._total.update(counts)
 
     def updated(
-        self, found: Segmentation, processing: float, latency: float, period: float = math.inf
+        self,
+        segmentation: Segmentation,
+        processing: float,
+        latency: float,
+        period: float = math.inf,
     ) -> None:
-        """An update was published. Times in s; latency: since its last cloud arrived.
+        """Count a published update.
 
-        period: `update_period`, within which an update has to come to keep up in real time.
+        processing: s. latency: s since its last cloud arrived. period: s, `update_period`, which
+        the latency must not exceed in real time.
         """
         with self._lock:
-            self._updated_at, self._newest_ns = time.monotonic(), found.end_ns
-            self._late.append(latency / period)
-            self._total["updates"] += 1
-            self._total["late"] += found.late
-            self._total["evicted"] += found.evicted
+            self._update_time, self._newest_ns = time.monotonic(), segmentation.end_ns
+            self._lateness.append(latency / period)
             self._processing.append(processing)
             self._latency.append(latency)
-            if found.restart:
+            self._total["updates"] += 1
+            self._total["late"] += segmentation.late
+            self._total["evicted"] += segmentation.evicted
+            if segmentation.restart:
                 self._total["restarts"] += 1
-                self._last_restart = found.restart
-            if found.threshold_change:
+                self._last_restart = segmentation.restart
+            if segmentation.threshold_change:
                 self._total["threshold changes"] += 1
-                self._last_change = f"{found.threshold_change}: {found.threshold:.6g}"
-            self._window = describe(found)
+                change = f"{segmentation.threshold_change}: {segmentation.threshold:.6g}"
+                self._last_threshold_change = change
+            self._window = _describe_window(segmentation)
 
     def tuned(self, curve: Curve, seconds: float) -> None:
-        """A tuning has ended, which took so long."""
+        """Count a tuning and its duration."""
         with self._lock:
             self._total["tunings"] += 1
             best = curve.threshold[curve.best]
             self._last_tuning = f"{curve.criterion}: least AICc at {best:.6g}; {seconds:.2f} s"
 
     def report(self, waiting: int, now_ns: int | None = None) -> Report:
-        """The health since the last report.
+        """Summarize the time since the last report.
 
-        waiting: updates in the backlog. now_ns: the node's time, by which stamps are judged.
+        waiting: updates in the backlog. now_ns: the node's time, for the age of the points.
         """
         with self._lock:
             now = time.monotonic()
             new = self._total - self._reported
-            rate = new["clouds"] / max(now - self._reported_at, 1e-9)
+            rate = new["clouds"] / max(now - self._report_time, 1e-9)
             level, message = self._judge(new, now)
-            self._reported, self._reported_at = self._total.copy(), now
-            self._reported_reasons = self._rejected.copy()
-            ages = self._ages(now, now_ns)
-            return Report(level, message, {**self._values(rate, waiting), **ages})
+            self._reported, self._report_time = self._total.copy(), now
+            self._reported_rejected = self._rejected.copy()
+            values = {**self._values(rate, waiting), **self._ages(now, now_ns)}
+            return Report(level, message, values)
 
     def _judge(self, new: Counter[str], now: float) -> tuple[int, str]:
         busy = self._busy(now)
-        if busy > STUCK:
-            return ERROR, f"an update has been under way for {busy:.0f} s"
+        if busy > UPDATE_TIMEOUT_S:
+            return ERROR, f"the current update has taken {busy:.0f} s so far"
         if new["clouds"] and new["refused"] >= new["clouds"]:
-            reasons = sorted(self._rejected - self._reported_reasons)
+            reasons = sorted(self._rejected - self._reported_rejected)
             return ERROR, f"every cloud is rejected: {', '.join(reasons)}"
-        warnings = self._about_input(now - self._heard_at)
-        for name in ("rejected", "lost"):
-            if new[name]:
-                warnings.append(f"{new[name]} clouds {name}")
-        for name in ("joined", "given up"):
-            if new[name]:
-                warnings.append(f"too slow: {new[name]} updates {name}")
-        if len(self._late) == SLOW and min(self._late) > 1.0:
-            warnings.append(
-                f"too slow for real time: {SLOW} updates in a row came later than update_period, "
-                f"the last after {self._latency[-1]:.2f} s"
-            )
-        if new["evicted"]:
-            warnings.append(f"max_points reached: {new['evicted']} points expired early")
-        if self._still >= STALLED_CLOUDS:
-            warnings.append(f"the stamps stand still: {self._still} clouds are no newer")
-        if new["restarts"] > 1:
-            warnings.append(f"the window began anew {new['restarts']} times: {self._last_restart}")
-        if new["gaps"]:
-            warnings.append("the stamps jumped forward by more than the window")
-        if self.sensor_frame:
-            warnings.append(f"frame {self.sensor_frame} looks like a sensor's")
-        if self.rivals:
-            warnings.append(f"{self.rivals} other nodes publish segments in this namespace")
+        warnings = [*self._input_warnings(new, now), *self._load_warnings(new)]
+        if self.other_publishers:
+            warnings.append(f"{self.other_publishers} other nodes publish segments")
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
 
-    def _about_input(self, silence: float) -> list[str]:
+    def _input_warnings(self, new: Counter[str], now: float) -> Iterator[str]:
+        idle = now - self._cloud_time
         if not self._ready:
-            return ["loading the kernels, which are compiled the first time"]
-        if not self._total["clouds"]:
-            return ["no cloud yet"]
-        if silence > SILENCE:
-            self._late.clear()  # what was slow then says nothing of now
-            return [f"no cloud for {silence:.0f} s"]
-        return []
+            yield "loading the kernels, which are compiled at the first start"
+        elif not self._total["clouds"]:
+            yield "no cloud yet"
+        elif idle > INPUT_TIMEOUT_S:
+            self._lateness.clear()  # earlier latencies say nothing about the present
+            yield f"no cloud for {idle:.0f} s"
+        for name in ("rejected", "lost"):
+            if new[name]:
+                yield f"{new[name]} clouds {name}"
+        if self._stalled >= STALLED_CLOUDS:
+            yield f"stamps do not advance: {self._stalled} clouds are no newer"
+        if new["gaps"]:
+            yield "stamps jumped forward by more than the window"
+        if new["restarts"] > 1:
+            yield f"the window restarted {new['restarts']} times: {self._last_restart}"
+        if self.sensor_frame:
+            yield f"frame {self.sensor_frame} looks like a sensor's"
+
+    def _load_warnings(self, new: Counter[str]) -> Iterator[str]:
+        for name in ("coalesced", "dropped"):
+            if new[name]:
+                yield f"too slow: {new[name]} updates {name}"
+        if len(self._lateness) == LATE_UPDATES and min(self._lateness) > 1.0:
+            yield (
+                f"too slow for real time: {LATE_UPDATES} consecutive updates were later than "
+                f"update_period, the last after {self._latency[-1]:.2f} s"
+            )
+        if new["evicted"]:
+            yield f"max_points reached: {new['evicted']} points evicted"
 
     def _busy(self, now: float) -> float:
-        """How long the worker has been at what it does, s."""
-        since = self._busy_since
-        return 0.0 if since is None else now - since
+        """Time since the worker began its present task, s."""
+        start = self._work_start
+        return 0.0 if start is None else now - start
 
     def _ages(self, now: float, now_ns: int | None) -> dict[str, str]:
         ages = {
-            "update under way for [s]": f"{self._busy(now):.1f}",
-            "running for [s]": f"{now - self._began:.0f}",
+            "current update duration [s]": f"{self._busy(now):.1f}",
+            "uptime [s]": f"{now - self._start:.0f}",
             "memory [MB]": f"{resident_mb():.0f}",
         }
-        if self._updated_at is not None and self._newest_ns is not None:
-            ages["time since the last update [s]"] = f"{now - self._updated_at:.1f}"
+        if self._update_time is not None and self._newest_ns is not None:
+            ages["time since the last update [s]"] = f"{now - self._update_time:.1f}"
             if now_ns is not None:
                 ages["age of the newest point [s]"] = f"{(now_ns - self._newest_ns) / SECOND:.1f}"
         return ages
@@ -242,19 +233,19 @@ class Health:
             "clouds rejected": str(total["rejected"]),
             **{f"clouds rejected: {why}": str(n) for why, n in sorted(self._rejected.items())},
             "clouds lost by DDS": str(total["lost"]),
+            "clouds with stalled stamps": str(self._stalled),
+            "stamp gaps": str(total["gaps"]),
             "points late": str(total["late"]),
-            "points expired early": str(total["evicted"]),
-            "points given up": str(total["points given up"]),
+            "points evicted": str(total["evicted"]),
+            "points dropped": str(total["points_dropped"]),
             "updates": str(total["updates"]),
-            "updates waiting": str(waiting),
-            "updates joined": str(total["joined"]),
-            "updates given up": str(total["given up"]),
-            "clouds since the stamps advanced": str(self._still),
-            "gaps in the stamps": str(total["gaps"]),
+            "updates in backlog": str(waiting),
+            "updates coalesced": str(total["coalesced"]),
+            "updates dropped": str(total["dropped"]),
             "restarts": str(total["restarts"]),
             "last restart": self._last_restart,
             "threshold changes": str(total["threshold changes"]),
-            "last threshold change": self._last_change,
+            "last threshold change": self._last_threshold_change,
             "tunings": str(total["tunings"]),
             "last tuning": self._last_tuning,
             **quantiles("processing", self._processing),
@@ -264,7 +255,7 @@ class Health:
 
 
 def quantiles(name: str, seconds: deque[float]) -> dict[str, str]:
-    """Median and 99th percentile of the last times; empty before the first."""
+    """Last value, median and 99th percentile of recent times; empty before the first."""
     if not seconds:
         return {}
     median, high = np.quantile(np.array(seconds), [0.5, 0.99])
@@ -275,18 +266,17 @@ def quantiles(name: str, seconds: deque[float]) -> dict[str, str]:
     }
 
 
-def describe(found: Segmentation) -> dict[str, str]:
-    """The window and the model in numbers."""
-    counts = found.counts
+def _describe_window(segmentation: Segmentation) -> dict[str, str]:
+    counts = segmentation.counts
     return {
-        "frame": found.frame_id,
-        "window [s]": f"{(found.end_ns - found.start_ns) / SECOND:.3f}",
+        "frame": segmentation.frame_id,
+        "window [s]": f"{(segmentation.end_ns - segmentation.start_ns) / SECOND:.3f}",
         "points segmented": str(counts.segmented),
         "points isolated": str(counts.isolated),
         "points rejected": str(counts.rejected),
         "points thinned": str(counts.thinned),
-        "segments": str(len(found.ids)),
-        "criterion": found.criterion,
-        "threshold": f"{found.threshold:g}",
-        "AICc": f"{found.aicc:.1f}",
+        "segments": str(len(segmentation.ids)),
+        "criterion": segmentation.criterion,
+        "threshold": f"{segmentation.threshold:g}",
+        "AICc": f"{segmentation.aicc:.1f}",
     }

@@ -1,4 +1,4 @@
-"""When each cloud of a source is sent: by its stamp, by pauses, by what the node has done."""
+"""Sending the clouds of a source in time, with pauses and with flow control by the node."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ from ellipseg_ros.settings import Checked, setting
 
 @dataclass(frozen=True)
 class ReplayOptions(Checked):
-    """How a source is played."""
+    """Settings of a replay."""
 
     rate: float = setting(
         1.0,
@@ -24,17 +24,19 @@ class ReplayOptions(Checked):
         live=False,
     )
     loop: bool = setting(
-        False, "begin again at the end; the stamps jump back, and the node starts anew", live=False
+        False, "start again at the end; the stamps jump back, and the window restarts", live=False
     )
     start_paused: bool = setting(
         False, "wait for the service ~/pause before the first cloud", live=False
     )
-    wait: bool = setting(True, "wait for a subscriber before the first cloud", live=False)
+    wait_for_subscriber: bool = setting(
+        True, "wait for a subscriber before the first cloud", live=False
+    )
     clock: bool = setting(True, "publish the stamps on /clock", live=False)
     ahead: float = setting(
         0.0,
-        "sensor time that clouds may be ahead of the last `segments`, so that none is lost; "
-        "0: the node is not waited for",
+        "maximum sensor time between a cloud and the last update that `segments` acknowledges, "
+        "so that none is lost; 0: no flow control",
         unit="s",
         low=0.0,
         high=3600.0,
@@ -42,15 +44,15 @@ class ReplayOptions(Checked):
     )
     update_period: float = setting(
         Config().update_period,
-        "the node's update_period, for `ahead`",
+        "update_period of the node, for `ahead`",
         unit="s",
         low=0.001,
         high=3600.0,
         live=False,
     )
-    patience: float = setting(
+    update_timeout: float = setting(
         60.0,
-        "with `ahead`: longest wait for an update; then the replay goes on",
+        "with `ahead`: longest wait for an update; then the replay continues without it",
         unit="s",
         low=0.1,
         high=86400.0,
@@ -60,37 +62,37 @@ class ReplayOptions(Checked):
 
 @dataclass(frozen=True)
 class ReplaySummary:
-    """What was played."""
+    """Totals of a replay."""
 
     clouds: int
     points: int
-    runs: int  # times that the source was played to its end
-    updates: int  # that the node should have made of the clouds; 0 without `ahead`
-    missed: int  # of those: not come back in time
-    sensor_seconds: float  # from the first to the last stamp, over all runs
+    runs: int  # complete passes over the source
+    updates: int  # expected from the node for the clouds; 0 without `ahead`
+    missed: int  # of these: not published in time
+    sensor_seconds: float  # from the first to the last stamp, summed over all runs
     wall_seconds: float  # from the first cloud to the end, pauses included
 
 
 class Playback:
-    """Plays a source in the thread of the caller; the other methods are for other threads.
+    """Plays a source in the calling thread; the other methods are for other threads.
 
-    send: publishes a cloud. say: tells the user, in one line, what is waited for.
+    send: publishes a cloud. log: gets a line for the user when the replay waits.
     """
 
     def __init__(
         self,
         options: ReplayOptions,
         send: Callable[[Sweep], None],
-        say: Callable[[str], None],
+        log: Callable[[str], None],
     ) -> None:
         self._options = options
         self._send = send
-        self._say = say
+        self._log = log
         self._flow = FlowControl(Config(update_period=options.update_period), options.ahead)
         self._pace = Pace(options.rate)
         self._changed = Condition()
         self._paused = options.start_paused
-        self._listening = not options.wait
+        self._subscribed = not options.wait_for_subscriber
         self._stopped = False
         self._clouds = self._points = self._runs = self._missed = 0
         self._sensor_ns = 0
@@ -98,130 +100,124 @@ class Playback:
     def play(
         self, source: Iterable[Sweep], progress: Callable[[Sweep], None] = lambda _: None
     ) -> ReplaySummary:
-        """Send every cloud in its time; with `ahead`, wait until the last update has come back.
+        """Send every cloud when it is due; with `ahead`, wait for the last update.
 
         progress: called after every cloud.
         """
-        self._wait_for_listeners()
+        self._wait_for_subscriber()
         started = time.monotonic()
         while self._run(source, progress) and self._options.loop:
             pass
-        self._wait_for_the_rest()
+        with self._changed:
+            while self._flow.outstanding and not self._stopped:
+                self._wait_for_update()
         return ReplaySummary(
             clouds=self._clouds,
             points=self._points,
             runs=self._runs,
-            updates=self._flow.closed,
+            updates=self._flow.updates,
             missed=self._missed,
             sensor_seconds=self._sensor_ns / SECOND,
             wall_seconds=time.monotonic() - started,
         )
 
-    def listening(self) -> None:
-        """Somebody listens: the first cloud may go."""
+    def subscribed(self) -> None:
+        """Note that there is a subscriber: the first cloud may be sent."""
         with self._changed:
-            self._listening = True
+            self._subscribed = True
             self._changed.notify_all()
 
     def pause(self, paused: bool) -> None:
-        """Hold the clouds back, or let them go on."""
+        """Pause or continue the replay."""
         with self._changed:
             self._paused = paused
-            self._pace.begin()
+            self._pace.restart()
             self._changed.notify_all()
 
-    def come_back(self, end_ns: int) -> None:
-        """An update whose newest point is of `end_ns` has come back."""
+    def acknowledge(self, end_ns: int) -> None:
+        """Note that the node has published the update whose newest point is of `end_ns`."""
         with self._changed:
-            self._flow.come_back(end_ns)
+            self._flow.acknowledge(end_ns)
             self._changed.notify_all()
 
     def stop(self) -> None:
-        """Send nothing more, and wait for nothing."""
+        """End `play` without waiting for anything."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
 
-    def _wait_for_listeners(self) -> None:
+    def _wait_for_subscriber(self) -> None:
         with self._changed:
-            if not self._listening:
-                self._say("waiting for a subscriber of `points`")
-            self._changed.wait_for(lambda: self._listening or self._stopped)
+            if not self._subscribed:
+                self._log("waiting for a subscriber of `points`")
+            self._changed.wait_for(lambda: self._subscribed or self._stopped)
 
     def _run(self, source: Iterable[Sweep], progress: Callable[[Sweep], None]) -> bool:
-        """Play the source once; False if it was stopped, or had nothing to play."""
-        newest = None
-        self._pace.begin()
+        """Play the source once; False if the replay was stopped or the source is empty."""
+        newest_ns = None
+        self._pace.restart()
         for sweep in source:
-            if not self._wait_for_turn(sweep):
+            if not self._wait_until_due(sweep):
                 return False
             self._send(sweep)
             self._clouds += 1
             self._points += len(sweep)
-            if newest is not None:
-                self._sensor_ns += max(0, sweep.stamp_ns - newest)
-            newest = sweep.stamp_ns
+            if newest_ns is not None:
+                self._sensor_ns += max(0, sweep.stamp_ns - newest_ns)
+            newest_ns = sweep.stamp_ns
             progress(sweep)
         self._runs += 1
-        return newest is not None
+        return newest_ns is not None
 
-    def _wait_for_turn(self, sweep: Sweep) -> bool:
-        """Wait until the cloud may go, and count on it; False if the playback was stopped."""
+    def _wait_until_due(self, sweep: Sweep) -> bool:
+        """Wait until the cloud is due, and register it; False if the replay was stopped."""
+        flow_controlled = self._options.ahead > 0.0
         with self._changed:
             while not self._stopped:
                 if self._paused:
                     self._changed.wait()
-                elif self._waits_for_node and not self._flow.may_send(sweep):
-                    self._wait_for_node()
-                elif (left := self._pace.left(sweep.stamp_ns)) > 0.0:
-                    self._changed.wait(left)
+                elif flow_controlled and not self._flow.may_send(sweep):
+                    self._wait_for_update()
+                elif (remaining := self._pace.remaining(sweep.stamp_ns)) > 0.0:
+                    self._changed.wait(remaining)
                 else:
-                    if self._waits_for_node:
+                    if flow_controlled:
                         self._flow.send(sweep)
                     return True
             return False
 
-    def _wait_for_the_rest(self) -> None:
-        with self._changed:
-            while self._flow.outstanding and not self._stopped:
-                self._wait_for_node()
-
-    def _wait_for_node(self) -> None:
-        """Wait until anything happens; after too long, expect nothing of what was sent."""
-        if not self._changed.wait(self._options.patience):
-            missed = self._flow.give_up()
+    def _wait_for_update(self) -> None:
+        """Wait for any change; after the timeout, expect no more of the outstanding updates."""
+        if not self._changed.wait(self._options.update_timeout):
+            missed = self._flow.abandon()
             self._missed += missed
-            self._say(
-                f"no update has come back for {self._options.patience:g} s; going on without "
-                f"{missed} (does the segmenter run, with update_period "
+            self._log(
+                f"no update for {self._options.update_timeout:g} s; continuing without {missed} "
+                "(does the segmenter run, with update_period "
                 f"{self._options.update_period:g}?)"
             )
 
-    @property
-    def _waits_for_node(self) -> bool:
-        return self._options.ahead > 0.0
-
 
 class Pace:
-    """Says how long a stamp is still to come, at a rate; 0: everything is due."""
+    """Converts stamps to wall time at a rate; rate 0: everything is due immediately."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
-        self.begin()
+        self.restart()
 
-    def begin(self) -> None:
-        """The next stamp is due at once, and the others by their distance from it."""
-        self._start: tuple[float, int] | None = None  # s, wall; ns, its stamp
-        self._newest = 0
+    def restart(self) -> None:
+        """Make the next stamp due immediately, and later ones relative to it."""
+        self._start: tuple[float, int] | None = None  # wall time, s; its stamp, ns
+        self._newest_ns = 0
 
-    def left(self, stamp_ns: int) -> float:
-        """Wall time until the stamp is due, s; 0 or less: it is."""
+    def remaining(self, stamp_ns: int) -> float:
+        """Wall time until the stamp is due, s; 0 or less: it is due."""
         if not self._rate:
             return 0.0
         now = time.monotonic()
-        if self._start is None or stamp_ns < self._newest - SECOND:  # began, or jumped back
+        if self._start is None or stamp_ns < self._newest_ns - SECOND:  # started, or jumped back
             self._start = (now, stamp_ns)
-            self._newest = stamp_ns
-        self._newest = max(self._newest, stamp_ns)
-        wall, stamp = self._start
-        return wall + (stamp_ns - stamp) / SECOND / self._rate - now
+            self._newest_ns = stamp_ns
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+        start, start_ns = self._start
+        return start + (stamp_ns - start_ns) / SECOND / self._rate - now

@@ -1,16 +1,12 @@
-"""The node `ellipseg_associator`: keeps a map of landmarks, and recognizes them."""
+"""The node `ellipseg_associator`: maintains a landmark map and matches landmarks with it."""
 
 import time
 from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from ellipseg_ros.association.associate import associate, warm_up
 from ellipseg_ros.association.landmark_map import LandmarkMap
@@ -19,94 +15,99 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.map_file import read_map, write_map
-from ellipseg_ros.msg import Association as AssociationMessage
+from ellipseg_ros.io.topics import (
+    ASSOCIATION_MARKERS,
+    ASSOCIATIONS,
+    ASSOCIATOR,
+    CLEAR,
+    LANDMARKS,
+    LOAD,
+    SAVE,
+)
 from ellipseg_ros.msg import LandmarkArray
 from ellipseg_ros.node.associator_health import AssociatorHealth
+from ellipseg_ros.node.health import Report
 from ellipseg_ros.ros.associations import association_markers, association_message
-from ellipseg_ros.ros.diagnostics import diagnostic_message
-from ellipseg_ros.ros.limits import Pauses, Share, throttled
-from ellipseg_ros.ros.outputs import DEPTH, FAREWELL, delete_all_markers, send
+from ellipseg_ros.ros.diagnostics import publish_diagnostics
+from ellipseg_ros.ros.limits import CALLBACK_SHARE, Pauses, Share, throttled
+from ellipseg_ros.ros.outputs import ACKNOWLEDGE_TIMEOUT, delete_all_markers, send
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.ros.topics import create_publisher, create_service, create_subscription
 from ellipseg_ros.settings import flatten
 
-FILES = (0.1, 2.0)  # share of its time that maps may take to write and read, and s at once
-CALLS = (0.2, 1.0)  # share of a core that all but landmarks may take, and s at once
-PATIENCE = 1.0  # s that the compiler gets when the node ends
+FILE_SHARE = (0.1, 2.0)  # of the time, for writing and reading maps, and burst in s
+COMPILER_TIMEOUT_S = 1.0  # at shutdown
 
 
 class AssociatorNode:
-    """Hands landmarks to the map, and what the map knows to `associate`.
+    """Passes landmarks to the map, and both to `associate`.
 
-    All in the callbacks: an update takes milliseconds, and comes once a second.
+    All of it in the callbacks: an update takes milliseconds, and comes once a second.
     """
 
     def __init__(self, end: End) -> None:
-        node = self.node = Node(
-            "ellipseg_associator", automatically_declare_parameters_from_overrides=True
-        )
-        self.pauses = Pauses(*CALLS)
+        node = self.node = Node(ASSOCIATOR, automatically_declare_parameters_from_overrides=True)
+        self.pauses = Pauses(*CALLBACK_SHARE)
         self._log = node.get_logger()
         self._parameters = Parameters(node, AssociationConfig(), MapConfig(), AssociatorConfig())
         self._config, map_config, associator = self._parameters.records()
-        self._parameters.on_change(self._take_parameters)
+        self._parameters.on_change(self._apply_parameters)
         self._file = Path(associator.map_file) if associator.map_file else None
         self._map = LandmarkMap(map_config)
-        if self._file and _is_there(self._file):
+        if self._file and _may_exist(self._file):
             self._map.load(read_map(self._file))
         self._health = AssociatorHealth()
-        self._associations = node.create_publisher(AssociationMessage, "associations", DEPTH)
-        self._markers = node.create_publisher(MarkerArray, "association_markers", DEPTH)
-        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        node.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        for name, call in (("save", self._save), ("load", self._load), ("clear", self._clear)):
-            node.create_service(Trigger, f"~/{name}", call)
-        self._share = Share(*FILES)
+        self._associations = create_publisher(node, ASSOCIATIONS)
+        self._markers = create_publisher(node, ASSOCIATION_MARKERS)
+        publish_diagnostics(node, "association", self._report)
+        for service, callback in ((SAVE, self._save), (LOAD, self._load), (CLEAR, self._clear)):
+            create_service(node, service, callback)
+        self._file_share = Share(*FILE_SHARE)
         self._end = end
         self._starter = Thread(target=self._start, name="starter", daemon=True)
         self._starter.start()
 
     def close(self) -> bool:
-        """Take the lines away; False if the kernels are still being compiled."""
-        self._starter.join(PATIENCE)
+        """Delete the markers; False if the kernels are still being compiled."""
+        self._starter.join(COMPILER_TIMEOUT_S)
         self._markers.publish(delete_all_markers())
-        self._markers.wait_for_all_acked(FAREWELL)
+        self._markers.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
         return not self._starter.is_alive()
 
     def _start(self) -> None:
-        """Compile, then subscribe: in a thread, so that services answer and the node can end."""
+        """Compile, then subscribe; in a thread, so that services answer and the node can end."""
         try:
             warm_up()
         except Exception as error:
             self._end(error)
             return
-        self._subscription = self.node.create_subscription(
-            LandmarkArray, "landmarks", self._on_landmarks, DEPTH
-        )
+        self._subscription = create_subscription(self.node, LANDMARKS, self._on_landmarks)
         records = self._parameters.records()
         values = [item for record in records for item in flatten(record).items()]
-        told = ", ".join(f"{name} {value}" for name, value in values)
-        self._log.info(f"ready; map of {len(self._map.stored)} landmarks; {told}")
+        listed = ", ".join(f"{name} {value}" for name, value in values)
+        self._log.info(f"ready; map of {len(self._map.stored)} landmarks; {listed}")
 
     def _on_landmarks(self, msg: LandmarkArray) -> None:
         started = time.monotonic()
         self.pauses.exempt()
         try:
-            live = read_landmarks(msg)
+            landmarks = read_landmarks(msg)
             check_name("frame_id", msg.header.frame_id)
             stamp_ns = read_stamp(msg.header.stamp)
-            self._map.update(live, stamp_ns, msg.header.frame_id, msg.sequence)
-            known = self._map.recognizable()
-            found = associate(known.landmarks, live, self._config)
+            self._map.update(landmarks, stamp_ns, msg.header.frame_id, msg.sequence)
+            stored = self._map.recognizable()
+            association = associate(stored.landmarks, landmarks, self._config)
         except InputError as error:
             self._health.rejected(str(error))
             self._log.warning(f"landmarks rejected: {error}", **throttled())
             return
-        if found.verdict.has_transform:
-            self._map.mark_recognized(live.ids[found.pairs[:, 1]])
-        send(self._associations, lambda: association_message(found, known, live, msg.header))
-        send(self._markers, lambda: association_markers(found, known, live, msg.header))
-        self._health.updated(found, time.monotonic() - started)
+        if association.verdict.has_transform:
+            self._map.mark_recognized(landmarks.ids[association.pairs[:, 1]])
+        results = association, stored, landmarks, msg.header
+        send(self._associations, lambda: association_message(*results))
+        send(self._markers, lambda: association_markers(*results))
+        self._health.updated(association, time.monotonic() - started)
 
     def _save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._with_file(response, self._write_to)
@@ -116,22 +117,22 @@ class AssociatorNode:
 
     def _clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
-        response.message = f"{len(self._map.stored)} landmarks forgotten"
+        response.message = f"{len(self._map.stored)} landmarks deleted"
         self._map.clear()
         return response
 
     def _with_file(
-        self, response: Trigger.Response, do: Callable[[Path], str]
+        self, response: Trigger.Response, action: Callable[[Path], str]
     ) -> Trigger.Response:
-        """Do something with the file; the answer tells how that went."""
+        """Answer a call with what an action on the map file returns or raises."""
         try:
             if self._file is None:
                 raise InputError("there is no file; start the node with the parameter map_file")
-            wait = self._share.wait()
+            wait = self._file_share.wait()
             if wait:
-                raise InputError(f"maps were written and read all the time; call in {wait:.1f} s")
-            with self._share.work():
-                response.success, response.message = True, do(self._file)
+                raise InputError(f"too many maps were written or read; call in {wait:.1f} s")
+            with self._file_share.work():
+                response.success, response.message = True, action(self._file)
         except InputError as error:
             response.success, response.message = False, str(error)
         return response
@@ -144,19 +145,18 @@ class AssociatorNode:
         self._map.load(read_map(path))
         return f"{len(self._map.stored)} landmarks read from {path}"
 
-    def _take_parameters(self) -> None:
+    def _apply_parameters(self) -> None:
         self._config, self._map.config, _ = self._parameters.records()
 
-    def _report(self) -> None:
-        report = self._health.report(len(self._map.stored))
-        self._diagnostics.publish(diagnostic_message(self.node, "association", report))
+    def _report(self) -> Report:
+        return self._health.report(len(self._map.stored))
 
 
-def _is_there(path: Path) -> bool:
+def _may_exist(path: Path) -> bool:
     try:
         return path.exists()
     except OSError:
-        return True  # reading it will tell what is wrong
+        return True  # reading it will raise a proper error
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""The subscription of `points`: as reliable as its publishers are; lost clouds are noticed."""
+"""The subscription of `points`: adapts its reliability, and counts lost clouds."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -15,126 +15,129 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.config import NodeConfig
+from ellipseg_ros.io.topics import POINTS
 from ellipseg_ros.ros.limits import throttled
+from ellipseg_ros.ros.topics import create_subscription
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 FIXED = {"reliable": RELIABLE, "best_effort": BEST_EFFORT}
-OVERLAP = 20  # clouds after which the old subscription goes in any case
+MAX_OVERLAP = 20  # clouds after which a replaced subscription is destroyed in any case
 
 
 class CloudInput:
-    """Hands every cloud over, and tells how many were lost, in the thread of the callbacks.
+    """Passes on every cloud and the number of lost ones, in the thread of the callbacks.
 
-    It may be made in another one while callbacks run already.
-    take: gets each cloud. lost: gets how many are missing, whenever some are. Reliability `auto`:
-    that of the publishers, best effort if one of them offers no other: large clouds sent best
-    effort lose parts of themselves on the way, and best effort matches every publisher.
+    It may be created in another thread while callbacks already run.
+    on_cloud: gets each cloud. on_lost: gets the number of clouds missing before the next one.
+
+    Reliability `auto`: that of the publishers; best effort if one of them offers nothing else.
+    Best effort matches every publisher, but large clouds are lost if one of their fragments is.
     """
 
     def __init__(
         self,
         node: Node,
-        shown: NodeConfig,
-        take: Callable[[PointCloud2], None],
-        lost: Callable[[int], None],
+        config: NodeConfig,
+        on_cloud: Callable[[PointCloud2], None],
+        on_lost: Callable[[int], None],
     ) -> None:
         self._node = node
-        self._shown = shown
-        self._take = take
-        self._tell_lost = lost
-        self._topic = node.resolve_topic_name("points")
-        self._number: int | None = None  # of the last cloud, by its publisher
+        self._config = config
+        self._pass_on = on_cloud
+        self._report_lost = on_lost
+        self._topic = node.resolve_topic_name(POINTS.name)
+        self._number: int | None = None  # of the last cloud, assigned by its publisher
         self._several = False  # publishers, at the last gap
-        self._old: Subscription[Any] | None = None  # until the new one is known to hear all
-        self._both: list[tuple[int, int | None]] = []  # what they have heard since, by any of them
-        # A publisher may be found, and `_adapt` called, before `_subscribe` has returned.
-        self._choice = Lock()  # of reliability and subscription
-        with self._choice:
-            self.reliability = self._wanted()
+        # After a change of reliability both subscriptions live on, until a cloud arrives on both.
+        self._replaced: Subscription[Any] | None = None
+        self._overlap: list[tuple[int, int | None]] = []  # clouds that arrived meanwhile
+        # A publisher may match, and `_adapt` run, before `_subscribe` has returned.
+        self._lock = Lock()  # for reliability and subscription
+        with self._lock:
+            self.reliability = self._required_reliability()
             self._subscription = self._subscribe()
 
     @property
-    def _is_given(self) -> bool:
-        return self._shown.input_reliability in FIXED
+    def _is_fixed(self) -> bool:
+        return self._config.input_reliability in FIXED
 
-    def _wanted(self) -> ReliabilityPolicy:
-        if self._is_given:
-            return FIXED[self._shown.input_reliability]
-        publishers = self._node.get_publishers_info_by_topic(self._topic)
-        offered = [publisher.qos_profile.reliability for publisher in publishers]
-        return RELIABLE if all(one == RELIABLE for one in offered) else BEST_EFFORT
+    def _required_reliability(self) -> ReliabilityPolicy:
+        if self._is_fixed:
+            return FIXED[self._config.input_reliability]
+        return matching_reliability(self._node, self._topic)
 
     def _subscribe(self) -> "Subscription[Any]":
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
-            depth=self._shown.input_depth,
+            depth=self._config.input_depth,
             reliability=self.reliability,
         )
         events = SubscriptionEventCallbacks(
             message_lost=self._on_lost,
             matched=self._on_match,
-            incompatible_qos=None if self._is_given else lambda _: self._adapt(),  # None: warns
+            incompatible_qos=None if self._is_fixed else lambda _: self._adapt(),  # None: warns
         )
-        return self._node.create_subscription(
-            PointCloud2,
-            "points",
-            self._on_cloud,
-            qos,
-            event_callbacks=events,
-        )
+        return create_subscription(self._node, POINTS, self._on_cloud, qos, event_callbacks=events)
 
     def _on_match(self, event: QoSSubscriptionMatchedInfo) -> None:
         if event.current_count_change > 0:
             self._adapt()
 
     def _adapt(self) -> None:
-        """Subscribe anew if the publishers of now ask for another reliability."""
-        with self._choice:
-            wanted = self._wanted()
-            if wanted == self.reliability:
+        """Replace the subscription if the present publishers require another reliability."""
+        with self._lock:
+            required = self._required_reliability()
+            if required == self.reliability:
                 return
-            self.reliability = wanted
-            if self._old is not None:
-                self._node.destroy_subscription(self._old)
-            self._old, self._subscription = self._subscription, self._subscribe()
-        name = wanted.name.lower().replace("_", " ")
+            self.reliability = required
+            if self._replaced is not None:
+                self._node.destroy_subscription(self._replaced)
+            self._replaced, self._subscription = self._subscription, self._subscribe()
+        name = required.name.lower().replace("_", " ")
         self._node.get_logger().info(
             f"{self._topic}: {name}, as its publishers are", **throttled(1.0)
         )
 
     def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:
         number = info["publication_sequence_number"]
-        if self._old is not None and self._is_twice((info["source_timestamp"], number)):
+        if self._replaced is not None and self._is_duplicate((info["source_timestamp"], number)):
             return
-        self._look_for_a_gap(number)
-        self._take(msg)
+        self._check_gap(number)
+        self._pass_on(msg)
 
-    def _is_twice(self, cloud: tuple[int, int | None]) -> bool:
-        """Whether both subscriptions have heard a cloud: from it on, the new one misses none."""
-        twice = cloud in self._both
-        self._both.append(cloud)
-        if twice or len(self._both) == OVERLAP:
-            self._node.destroy_subscription(self._old)
-            self._old = None
-            self._both.clear()
-        return twice
+    def _is_duplicate(self, cloud: tuple[int, int | None]) -> bool:
+        """Whether the cloud has arrived on both subscriptions; the new one is complete then."""
+        duplicate = cloud in self._overlap
+        self._overlap.append(cloud)
+        if duplicate or len(self._overlap) == MAX_OVERLAP:
+            self._node.destroy_subscription(self._replaced)
+            self._replaced = None
+            self._overlap.clear()
+        return duplicate
 
-    def _look_for_a_gap(self, number: int | None) -> None:
-        """Count what the publisher has sent and the node has not got, by the publisher's numbers.
+    def _check_gap(self, number: int | None) -> None:
+        """Report a gap in the publisher's numbers.
 
-        Lost on the way, or pushed out of a full queue of input_depth, which DDS tells nobody. Of
-        several publishers the numbers can't be told apart.
+        Clouds are lost in transport, or evicted from the full queue of input_depth, which DDS
+        does not report. With several publishers the numbers can't be attributed.
         """
         before, self._number = self._number, number
         if number is None or before is None or number == before + 1:
             return
         if self._node.count_publishers(self._topic) != 1:
             self._several = True
-        elif self._several:  # the number before may be of one that has gone
+        elif self._several:  # the number before may be of a publisher that has left
             self._several = False
         elif number > before:
-            self._tell_lost(number - before - 1)
+            self._report_lost(number - before - 1)
 
     def _on_lost(self, event: QoSMessageLostInfo) -> None:
-        if self._number is None:  # else the numbers tell
-            self._tell_lost(event.total_count_change)
+        if self._number is None:  # else the numbers show it
+            self._report_lost(event.total_count_change)
+
+
+def matching_reliability(node: Node, topic: str) -> ReliabilityPolicy:
+    """Reliable, unless a publisher of the topic offers best effort only."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    reliable = all(info.qos_profile.reliability == RELIABLE for info in publishers)
+    return RELIABLE if reliable else BEST_EFFORT

@@ -1,4 +1,4 @@
-"""Looks at a running graph, and listens to its clouds, without taking part in it."""
+"""Inspection of a running ROS graph and its clouds, for the doctor."""
 
 import os
 import time
@@ -21,93 +21,107 @@ from ellipseg_ros.doctor.snapshot import CloudInfo, Endpoint, GraphSnapshot, Seg
 from ellipseg_ros.errors import EllipsegError, InputError
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
+from ellipseg_ros.io.topics import (
+    CLOCK,
+    CLOUD,
+    DIAGNOSTICS,
+    POINTS,
+    RESET,
+    SEGMENTS,
+    TUNING_CURVE,
+    UPDATE_TOPICS,
+)
 from ellipseg_ros.records import SECOND
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
-from ellipseg_ros.ros.cloud_input import BEST_EFFORT, RELIABLE
+from ellipseg_ros.ros.cloud_input import matching_reliability
+from ellipseg_ros.ros.topics import create_subscription
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
-SEGMENTS = "ellipseg_ros/msg/SegmentArray"
-TRIGGER = "std_srvs/srv/Trigger"
-SHOWN = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
-DISCOVERY = 5.0  # s that the others get to be found
-SETTLED = 0.5  # s without news after which all are found that will be
-LOOK = 0.1  # s between two looks at the graph: it tells of no change
-DEPTH = 100  # clouds kept while others are read
+OUTPUT_TYPES = tuple(dict.fromkeys(topic.type for topic in (*UPDATE_TOPICS, TUNING_CURVE)))
+PARAMETERS = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
+DISCOVERY_TIMEOUT_S = 5.0
+SETTLING_TIME_S = 0.5  # without a change, after which discovery counts as complete
+POLL_INTERVAL_S = 0.1  # of the graph, which notifies of no change
+DEPTH = 100  # clouds kept while earlier ones are read
 
 
 class GraphProbe(AuxiliaryNode):
-    """A node that looks and listens; a context manager.
+    """A node that inspects the graph and subscribes to clouds; a context manager.
 
-    topic: of the clouds; empty: what the segmenter subscribes to, or `points`.
-    namespace: in which topic and segmenters are looked for; "/": segmenters anywhere.
-    Raises EllipsegError for names that ROS does not take, and if it can't start.
+    topic: of the clouds; empty: the one that the segmenter subscribes to, or `points`.
+    namespace: of topic and segmenters; "/": segmenters of any namespace.
+    Raises EllipsegError for invalid names, and if the node can't start.
     """
 
     def __init__(self, topic: str, namespace: str) -> None:
-        self._asked, self._namespace = topic, namespace
+        self._requested_topic, self._namespace = topic, namespace
         self._clouds: list[CloudInfo] = []
-        self._said: dict[str, Any] = {}  # last status of a segmenter, by the name of its node
-        self._parameters: dict[str, dict[str, Any]] = {}
+        self._statuses: dict[str, Any] = {}  # last DiagnosticStatus, by name of the segmenter
+        self._parameters: dict[str, dict[str, Any]] = {}  # by name of the segmenter
         self._clients: dict[str, Client] = {}  # that ask for them
-        self._known: list[str] = []  # names of nodes at the last look
-        self._news = time.monotonic()  # when they last changed
-        self._own = f"ellipseg_doctor_{os.getpid()}"
+        self._nodes: list[str] = []  # at the last poll
+        self._changed_at = time.monotonic()  # when they last changed
+        self._name = f"ellipseg_doctor_{os.getpid()}"
         try:
-            super().__init__(self._own, ["--ros-args", "-r", f"__ns:={namespace}"])
-        except Exception as error:  # of rcl, which has many
+            super().__init__(self._name, ["--ros-args", "-r", f"__ns:={namespace}"])
+        except Exception as error:  # rcl has many
             raise _not_started(error) from error
         try:
-            self._topic = self.node.resolve_topic_name(topic or "points")
+            self._topic = self.node.resolve_topic_name(topic or POINTS.name)
         except Exception as error:  # likewise
             self.close()
             raise _not_started(error) from error
 
-    def observe(self, seconds: float) -> GraphSnapshot:
-        """Look around, then listen for so many seconds; who is found late is met as well."""
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEPTH)
-        self._wait(DISCOVERY, self._all_is_there)
-        self._choose_topic()
-        changed = True
-        while changed:
+    def probe(self, seconds: float) -> GraphSnapshot:
+        """Discover the graph, then receive clouds for so many seconds.
+
+        Segmenters that are discovered later are included.
+        """
+        create_subscription(self.node, DIAGNOSTICS, self._on_diagnostics, DEPTH)
+        self._wait(DISCOVERY_TIMEOUT_S, self._is_discovered)
+        self._update_topic()
+        topic_changed = True
+        while topic_changed:
             self._clouds.clear()
-            clouds = self.node.create_subscription(
-                PointCloud2, self._topic, self._on_cloud, self._qos()
+            qos = QoSProfile(depth=DEPTH, reliability=matching_reliability(self.node, self._topic))
+            subscription = self.node.create_subscription(
+                PointCloud2, self._topic, self._on_cloud, qos
             )
-            changed = self._wait(seconds, self._meet)
-            if changed:
-                self.node.destroy_subscription(clouds)
+            topic_changed = self._wait(seconds, self._query_segmenters)
+            if topic_changed:
+                self.node.destroy_subscription(subscription)
         return self._graph(seconds)
 
-    def _wait(self, seconds: float, enough: Callable[[], bool]) -> bool:
-        """Look again and again; False if there was not enough in that time."""
+    def _wait(self, seconds: float, condition: Callable[[], bool]) -> bool:
+        """Poll the condition; False if it was not met in time."""
         end = time.monotonic() + seconds
         pause = Event()
-        while not enough():
+        while not condition():
             if time.monotonic() >= end:
                 return False
-            pause.wait(min(LOOK, max(0.0, end - time.monotonic())))
+            pause.wait(min(POLL_INTERVAL_S, max(0.0, end - time.monotonic())))
             if self.failed:
                 raise self.failed[0]
         return True
 
-    def _all_is_there(self) -> bool:
-        self._choose_topic()
-        if (known := self._others()) != self._known:
-            self._known, self._news = known, time.monotonic()
-        if time.monotonic() < self._news + SETTLED:
+    def _is_discovered(self) -> bool:
+        """Whether a segmenter and a publisher are known, and no node was added for a while."""
+        self._update_topic()
+        if (nodes := self._other_nodes()) != self._nodes:
+            self._nodes, self._changed_at = nodes, time.monotonic()
+        if time.monotonic() < self._changed_at + SETTLING_TIME_S:
             return False
         return bool(self._segmenters() and self.node.get_publishers_info_by_topic(self._topic))
 
-    def _choose_topic(self) -> bool:
-        """What a segmenter subscribes to, unless the user names one; True if it is a new one."""
+    def _update_topic(self) -> bool:
+        """Adopt the input topic of a segmenter unless one was requested; whether it is new."""
         inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
-        if not inputs or self._asked or self._topic in inputs:
+        if not inputs or self._requested_topic or self._topic in inputs:
             return False
         self._topic = inputs[0]
         return True
 
-    def _meet(self) -> bool:
-        """Ask every segmenter for its parameters, once; True if clouds are on another topic."""
+    def _query_segmenters(self) -> bool:
+        """Request each segmenter's parameters once; whether the topic of the clouds is new."""
         for name in self._segmenters():
             if name not in self._clients:
                 self._clients[name] = self.node.create_client(
@@ -115,17 +129,11 @@ class GraphProbe(AuxiliaryNode):
                 )
             if name not in self._parameters and self._clients[name].service_is_ready():
                 self._parameters[name] = {}
-                self._ask(name)
-        return self._choose_topic()
-
-    def _qos(self) -> QoSProfile:
-        """As the node listens: best effort only if it must be, as large clouds get lost then."""
-        offered = self.node.get_publishers_info_by_topic(self._topic)
-        reliable = all(one.qos_profile.reliability == RELIABLE for one in offered)
-        return QoSProfile(depth=DEPTH, reliability=RELIABLE if reliable else BEST_EFFORT)
+                self._request_parameters(name)
+        return self._update_topic()
 
     def _on_cloud(self, msg: PointCloud2) -> None:
-        arrived, now_ns = time.monotonic(), time.time_ns()
+        arrival, now_ns = time.monotonic(), time.time_ns()
         stamp_ns = nanoseconds(msg.header.stamp)
         finite, timed, problem = 0, False, ""
         try:
@@ -136,7 +144,7 @@ class GraphProbe(AuxiliaryNode):
             problem = str(error)
         self._clouds.append(
             CloudInfo(
-                arrived=arrived,
+                arrived=arrival,
                 age=(now_ns - stamp_ns) / SECOND,
                 stamp_ns=stamp_ns,
                 frame_id=msg.header.frame_id,
@@ -153,56 +161,52 @@ class GraphProbe(AuxiliaryNode):
         for status in msg.status:
             node, colon, _ = status.name.partition(": segmentation")
             if colon:
-                self._said[f"/{node}"] = status
+                self._statuses[f"/{node}"] = status
 
-    def _ask(self, name: str) -> None:
-        """Ask for parameters; the answer comes while we listen, or never."""
+    def _request_parameters(self, name: str) -> None:
+        """Request the parameters; the answer arrives during the wait, or never."""
 
         def answered(future: Any) -> None:
             values = future.result().values
-            if len(values) == len(SHOWN):  # none of what is not known to that node
-                found = map(parameter_value_to_python, values)
-                self._parameters[name] = dict(zip(SHOWN, found, strict=True))
+            if len(values) == len(PARAMETERS):  # else that node doesn't know them all
+                converted = map(parameter_value_to_python, values)
+                self._parameters[name] = dict(zip(PARAMETERS, converted, strict=True))
 
-        request = GetParameters.Request(names=SHOWN)
+        request = GetParameters.Request(names=PARAMETERS)
         self._clients[name].call_async(request).add_done_callback(answered)
 
-    def _others(self) -> list[str]:
-        """Full names of all nodes but this one; one that several nodes have, several times."""
-        found = self.node.get_node_names_and_namespaces()
-        names = [f"{space.rstrip('/')}/{name}" for name, space in found if name != self._own]
-        return sorted(names)
+    def _other_nodes(self) -> list[str]:
+        """Full names of all nodes but this one, with duplicates."""
+        pairs = self.node.get_node_names_and_namespaces()
+        return sorted(f"{space.rstrip('/')}/{name}" for name, space in pairs if name != self._name)
 
-    def _of(self, name: str, which: str, kind: str) -> list[str]:
-        """Topics of a type that a node publishes or subscribes to, or services that it offers."""
-        space, _, base = name.rpartition("/")
+    def _names(self, node: str, what: str, kind: str) -> list[str]:
+        """Names of a node's interfaces of a type; what: "publisher", "subscriber", "service"."""
+        space, _, base = node.rpartition("/")
+        query = getattr(self.node, f"get_{what}_names_and_types_by_node")
         try:
-            found = getattr(self.node, f"get_{which}_names_and_types_by_node")(base, space or "/")
+            return [name for name, kinds in query(base, space or "/") if kind in kinds]
         except rclpy.node.NodeNameNonExistentError:  # it has ended meanwhile
             return []
-        return [topic for topic, kinds in found if kind in kinds]
 
     def _segmenters(self) -> list[str]:
-        """Nodes that publish segments and can be reset, by their full names.
+        """Full names of the nodes that publish segments and offer ~/reset, unlike a bag."""
+        namespace = self._namespace.strip("/")
+        prefix = f"/{namespace}/" if namespace else "/"
+        return sorted(
+            node
+            for node in set(self._other_nodes())
+            if node.startswith(prefix)
+            and self._names(node, "publisher", SEGMENTS.type)
+            and RESET.name.replace("~", node) in self._names(node, "service", RESET.type)
+        )
 
-        A bag that is played publishes segments as well.
-        """
-        names = [
-            name
-            for name in set(self._others())
-            if self._of(name, "publisher", SEGMENTS)
-            and f"{name}/reset" in self._of(name, "service", TRIGGER)
-        ]
-        if self._namespace.strip("/"):
-            names = [name for name in names if name.startswith(f"/{self._namespace.strip('/')}/")]
-        return sorted(names)
-
-    def _inputs(self, name: str) -> list[str]:
-        return self._of(name, "subscriber", CLOUD)
+    def _inputs(self, node: str) -> list[str]:
+        return self._names(node, "subscriber", CLOUD)
 
     def _graph(self, seconds: float) -> GraphSnapshot:
-        names = Counter(self._others())
-        elsewhere = [
+        names = Counter(self._other_nodes())
+        other_topics = [
             topic
             for topic, kinds in self.node.get_topic_names_and_types()
             if CLOUD in kinds
@@ -210,60 +214,53 @@ class GraphProbe(AuxiliaryNode):
             and self.node.get_publishers_info_by_topic(topic)
         ]
         return GraphSnapshot(
-            topic=self._look_at(self._topic),
+            topic=self._topic_ends(self._topic),
             seconds=seconds,
             clouds=tuple(self._clouds),
-            other_cloud_topics=tuple(sorted(elsewhere)),
-            segmenters=tuple(self._segmenter(name) for name in self._segmenters()),
+            other_cloud_topics=tuple(sorted(other_topics)),
+            segmenters=tuple(map(self._segmenter, self._segmenters())),
             duplicate_names=tuple(name for name, count in names.items() if count > 1),
             nodes=sum(names.values()),
-            has_clock=bool(self.node.get_publishers_info_by_topic("/clock")),
+            has_clock=bool(self.node.get_publishers_info_by_topic(CLOCK.name)),
             namespace=self._namespace,
         )
 
     def _segmenter(self, name: str) -> SegmenterInfo:
-        status = self._said.get(name)
+        status = self._statuses.get(name)
         outputs = [
-            topic
-            for kind in (SEGMENTS, CLOUD, *OTHERS)
-            for topic in self._of(name, "publisher", kind)
+            topic for kind in OUTPUT_TYPES for topic in self._names(name, "publisher", kind)
         ]
         return SegmenterInfo(
             node=name,
-            inputs=tuple(map(self._look_at, self._inputs(name))),
-            outputs=tuple(map(self._look_at, outputs)),
+            inputs=tuple(map(self._topic_ends, self._inputs(name))),
+            outputs=tuple(map(self._topic_ends, outputs)),
             level=None if status is None else status.level[0],
             message="" if status is None else status.message,
             values={} if status is None else {item.key: item.value for item in status.values},
             parameters=self._parameters.get(name, {}),
         )
 
-    def _look_at(self, topic: str) -> Topic:
-        publishers = self._ends(self.node.get_publishers_info_by_topic(topic))
-        subscribers = self._ends(self.node.get_subscriptions_info_by_topic(topic))
+    def _topic_ends(self, topic: str) -> Topic:
+        """Publishers, subscriptions and QoS mismatches of a topic, apart from this node's."""
+        publishers, subscriptions = (
+            [info for info in ends if info.node_name != self._name]
+            for ends in (
+                self.node.get_publishers_info_by_topic(topic),
+                self.node.get_subscriptions_info_by_topic(topic),
+            )
+        )
         mismatches = []
         for sender in publishers:
-            for receiver in subscribers:
+            for receiver in subscriptions:
                 fits, why = qos_check_compatible(sender.qos_profile, receiver.qos_profile)
                 if fits == QoSCompatibility.ERROR:
-                    mismatches.append(f"{_name(sender)} to {_name(receiver)}: {_line(why)}")
+                    mismatches.append(f"{_name(sender)} to {_name(receiver)}: {_shorten(why)}")
         return Topic(
             topic,
-            tuple(map(_end, publishers)),
-            tuple(map(_end, subscribers)),
+            tuple(map(_endpoint, publishers)),
+            tuple(map(_endpoint, subscriptions)),
             tuple(dict.fromkeys(mismatches)),
         )
-
-    def _ends(self, found: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
-        return [info for info in found if info.node_name != self._own]
-
-
-# Of the segmenter's outputs, beside segments and clouds.
-OTHERS = (
-    "ellipseg_ros/msg/LandmarkArray",
-    "ellipseg_ros/msg/TuningCurve",
-    "visualization_msgs/msg/MarkerArray",
-)
 
 
 def _not_started(error: Exception) -> EllipsegError:
@@ -274,12 +271,12 @@ def _name(info: TopicEndpointInfo) -> str:
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
-def _line(why: str) -> str:
-    """rcl says "ERROR: Best effort publisher and reliable subscription;"."""
-    return " ".join(why.replace("ERROR:", "").split()).rstrip("; ").lower()
+def _shorten(reason: str) -> str:
+    """Remove the frame of rcl's "ERROR: Best effort publisher and reliable subscription;"."""
+    return " ".join(reason.replace("ERROR:", "").split()).rstrip("; ").lower()
 
 
-def _end(info: TopicEndpointInfo) -> Endpoint:
+def _endpoint(info: TopicEndpointInfo) -> Endpoint:
     qos = info.qos_profile
     return Endpoint(
         _name(info), info.topic_type, qos.reliability.name.lower(), qos.durability.name.lower()

@@ -1,4 +1,4 @@
-"""Bounds on what a flood of messages or calls can cost: lines of the log, and time."""
+"""Bounds on the cost of a flood of messages or calls: log lines, and computing time."""
 
 import time
 from collections import deque
@@ -10,26 +10,27 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-LONGEST_PAUSE = 0.05  # s: clouds may wait meanwhile
+CALLBACK_SHARE = (0.2, 1.0)  # of a core, for all callbacks but the input's, and burst in s
+MAX_PAUSE_S = 0.05  # of the thread of the callbacks, in which input may be waiting
 
 
 def throttled(seconds: float = 5.0) -> dict[str, Any]:
-    """For a call of a logger: the line of that call comes once in so many seconds at most.
+    """Options of a logger call that limit it to one line per `seconds`.
 
-    rclpy would ask the clock of the system, and be silent for an hour that it is set back.
+    By default rclpy would use the system clock, and stop logging when that is set back.
     """
     return {"throttle_duration_sec": seconds, "throttle_time_source_type": STEADY}
 
 
 class Quota:
-    """So many within so many seconds, and no more; for one thread."""
+    """At most `count` permits within `seconds`; for one thread."""
 
     def __init__(self, count: int, seconds: float) -> None:
         self._seconds = seconds
         self._times: deque[float] = deque(maxlen=count)
 
     def take(self) -> bool:
-        """Whether there is one left, which is then taken."""
+        """Take a permit if one is left."""
         now = time.monotonic()
         full = len(self._times) == self._times.maxlen
         if full and now - self._times[0] < self._seconds:
@@ -39,20 +40,20 @@ class Quota:
 
 
 class Share:
-    """The share of the time that a kind of work may take, however often it is asked for.
+    """Limits a kind of work to a share of the time (a token bucket).
 
-    burst: s of work that may be done at once, when there was none for a while. It may be used up
-    from another thread than the one that asks, but by one at a time.
+    burst: s of work that may be done without a pause after a time without work. Work may be
+    counted in another thread than the one that calls `wait`, but only in one at a time.
     """
 
     def __init__(self, share: float, burst: float) -> None:
         self._share, self._burst = share, burst
-        self._credit = burst  # s of work, at the time `_at`
-        self._at = time.monotonic()
+        self._credit = burst  # s of work, at `_time`
+        self._time = time.monotonic()
 
     @contextmanager
     def work(self) -> Iterator[None]:
-        """Count the time of the block."""
+        """Count the duration of the block."""
         started = time.monotonic()
         try:
             yield
@@ -61,49 +62,49 @@ class Share:
 
     def spend(self, seconds: float) -> None:
         """Count work that has been done."""
-        self._credit = self._now() - seconds
+        self._accrue()
+        self._credit -= seconds
 
-    def forgive(self) -> None:
-        """Let no more be owed than a burst."""
+    def limit_debt(self) -> None:
+        """Reduce the debt to one burst."""
         self._credit = max(self._credit, -self._burst)
 
     def wait(self) -> float:
-        """How long until work may begin, s; 0: at once."""
-        self._credit = self._now()
+        """Time until work may start, s; 0: it may start now."""
+        self._accrue()
         return max(0.0, -self._credit) / self._share
 
-    def _now(self) -> float:
-        """The credit of now: work may begin above 0, and may then take longer."""
+    def _accrue(self) -> None:
+        """Add the credit earned since the last call; work may start above 0."""
         now = time.monotonic()
-        earned = (now - self._at) * self._share
-        self._at = now
-        return min(self._burst, self._credit + earned)
+        self._credit = min(self._burst, self._credit + (now - self._time) * self._share)
+        self._time = now
 
 
 class Pauses:
-    """Pauses of the thread that answers calls, which then takes a share of a core at the most.
+    """Limits the thread of the callbacks to a share of a core by pauses.
 
-    So a flood of calls leaves the cores, and Python's lock, to the work. After one that takes
-    long the pause is short, as clouds wait meanwhile. Called in that thread.
-    share, burst: of its own time on a core, as in Share.
+    A flood of calls thus leaves the cores, and Python's lock, to the segmentation. Pauses are
+    short, because input may be waiting. For that thread only.
+    share, burst: of its CPU time, as in Share.
     """
 
     def __init__(self, share: float, burst: float) -> None:
         self._share = Share(share, burst)
-        self._spent: float | None = None  # s on a core, until the last pause
+        self._cpu_time: float | None = None  # s, at the last pause
         self._exempt = False
 
     def exempt(self) -> None:
-        """What is done until the next pause counts for nothing: it is the work."""
+        """Count nothing until the next pause: the callback processes input."""
         self._exempt = True
 
     def take(self) -> None:
-        """Wait a moment if too much was done."""
-        before, self._spent = self._spent, time.thread_time()
+        """Pause if the share is exceeded."""
+        before, self._cpu_time = self._cpu_time, time.thread_time()
         exempt, self._exempt = self._exempt, False
         if before is None or exempt:
             return
-        self._share.spend(self._spent - before)
-        self._share.forgive()  # clouds need not wait on and on for what was asked long ago
+        self._share.spend(self._cpu_time - before)
+        self._share.limit_debt()  # old calls must not delay input for long
         if wait := self._share.wait():
-            time.sleep(min(wait, LONGEST_PAUSE))
+            time.sleep(min(wait, MAX_PAUSE_S))

@@ -1,4 +1,4 @@
-"""The topics that the segmenter publishes; nothing is built for one without subscribers."""
+"""The topics that the segmenter publishes; no message is built for a topic without subscribers."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -7,108 +7,90 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.io.messages import Markers, write_landmarks, write_segments
-from ellipseg_ros.io.pointcloud2 import write_labelled
-from ellipseg_ros.io.segment_stream import SegmentStream
-from ellipseg_ros.msg import LandmarkArray, SegmentArray
+from ellipseg_ros.io.messages import write_segments
+from ellipseg_ros.io.topics import ELLIPSOIDS, SEGMENTS, UPDATE_TOPICS, Topic
+from ellipseg_ros.io.update_messages import UpdateMessages
 from ellipseg_ros.records import Segmentation
+from ellipseg_ros.ros.topics import create_publisher
 
-DEPTH = 10  # messages kept for a slow subscriber; all topics are reliable
-FAREWELL = Duration(seconds=0.2)  # that subscribers get to acknowledge the last message
+ACKNOWLEDGE_TIMEOUT = Duration(seconds=0.2)  # for the last message before shutdown
 
 
 class Outputs:
-    """Publishes what was found; for one thread, but for `farewell` and `rivals`.
+    """Publishes updates; for one thread, apart from `close` and `other_publishers`.
 
-    new_viewer, new_listener: called, in the thread of the callbacks, when somebody subscribes to
-    `ellipsoids`, and to `segments`.
+    on_subscriber: called in the thread of the callbacks with `ellipsoids` or `segments` when
+        somebody subscribes to it; `resend` then brings the new subscriber up to date.
     """
 
-    def __init__(
-        self, node: Node, new_viewer: Callable[[], object], new_listener: Callable[[], object]
-    ) -> None:
+    def __init__(self, node: Node, on_subscriber: Callable[[Topic], object]) -> None:
         self._node = node
-        self._points = node.create_publisher(PointCloud2, "segmented_points", DEPTH)
-        self._ellipsoids = node.create_publisher(
-            MarkerArray,
-            "ellipsoids",
-            DEPTH,
-            event_callbacks=_when_matched(new_viewer),
-        )
-        self._segments = node.create_publisher(
-            SegmentArray, "segments", DEPTH, event_callbacks=_when_matched(new_listener)
-        )
-        self._landmarks = node.create_publisher(LandmarkArray, "landmarks", DEPTH)
-        self._markers = Markers(NodeConfig())
-        self._stream = SegmentStream(NodeConfig())
+        self._publishers = {
+            topic: create_publisher(node, topic, event_callbacks=_on_match(topic, on_subscriber))
+            for topic in UPDATE_TOPICS
+        }
+        self._messages = UpdateMessages(NodeConfig())
         self._latest: Segmentation | None = None
         self._sending = Lock()
-        self._closed = False  # changes while nothing is sent
+        self._closed = False  # changes only while nothing is sent
 
-    def publish(self, found: Segmentation, shown: NodeConfig) -> None:
-        """Send an update; `segments` comes last, so that it tells that all is sent."""
-        self._latest = found
-        self._markers.configure(shown)
-        self._stream.configure(shown)
-        self._send(self._points, lambda: write_labelled(found))
-        self._send(self._ellipsoids, lambda: self._markers.update(found))
-        landmarks = found.landmarks
-        if landmarks is not None:
-            self._send(self._landmarks, lambda: write_landmarks(found, landmarks))
-        self._send(self._segments, lambda: self._stream.update(found))
+    def publish(self, segmentation: Segmentation, config: NodeConfig) -> None:
+        """Send an update on all topics, `segments` last."""
+        self._latest = segmentation
+        self._messages.configure(config)
+        for topic, write in self._messages.writers(segmentation).items():
+            self._send(topic, write)
 
-    def greet(self) -> None:
-        """Somebody new looks: show all, and take away what a node left that was killed."""
-        if self._latest is None:
+    def resend(self, topic: Topic) -> None:
+        """Send the last update again, in full, for a new subscriber of the topic.
+
+        Markers: preceded by a deletion of all, as a viewer may still show those of a killed node.
+        Segments: only if the next message may list changes, even if the last one was full.
+        """
+        latest = self._latest
+        if topic == ELLIPSOIDS and latest is None:
             self.clear()
-        else:
-            self.show_all(anew=True)
+        elif topic == ELLIPSOIDS:
+            self.refresh_markers(delete_all=True)
+        elif latest is not None and self._messages.segments.sends_changes:
+            self._send(SEGMENTS, lambda: write_segments(latest))
 
-    def rivals(self) -> int:
-        """How many other publishers of `segments` there are, in this namespace.
-
-        One that was killed counts until DDS misses it, 20 s later.
-        """
-        return max(0, self._node.count_publishers(self._segments.topic_name) - 1)
-
-    def show_all(self, anew: bool = False) -> None:
-        """Send every marker again; anew: behind a marker that takes all away."""
-        found = self._latest
-        if found is not None:
-            self._send(
-                self._ellipsoids, lambda: self._markers.update(found, everything=True, anew=anew)
-            )
-
-    def list_all(self) -> None:
-        """Send the last update on `segments` again, if the next may come as changes.
-
-        In full, also if it went out so: a newcomer has come too late for it.
-        """
-        found = self._latest
-        if found is not None and self._stream.repeats:
-            self._send(self._segments, lambda: write_segments(found))
+    def refresh_markers(self, delete_all: bool = False) -> None:
+        """Send every marker again; delete_all: after a deletion of all markers."""
+        latest, markers = self._latest, self._messages.markers
+        if latest is not None:
+            self._send(ELLIPSOIDS, lambda: markers.update(latest, True, delete_all))
 
     def clear(self) -> None:
-        """Take all markers away."""
+        """Delete all markers."""
         self._latest = None
-        self._send(self._ellipsoids, delete_all_markers)
+        self._send(ELLIPSOIDS, delete_all_markers)
 
-    def farewell(self) -> None:
-        """Take all markers away, and wait a moment for the subscribers to hear of it.
+    def other_publishers(self) -> int:
+        """Number of other publishers of `segments` in this namespace.
 
-        For any thread. What another one is about to send is not sent any more.
+        A killed node counts until DDS notices after 20 s.
+        """
+        name = self._publishers[SEGMENTS].topic_name
+        return max(0, self._node.count_publishers(name) - 1)
+
+    def close(self) -> None:
+        """Delete all markers, and wait briefly until the subscribers acknowledge that.
+
+        Thread-safe. Messages that another thread is building are not sent any more.
         """
         with self._sending:
             self._closed = True
-        send(self._ellipsoids, delete_all_markers)
-        self._ellipsoids.wait_for_all_acked(FAREWELL)
+        publisher = self._publishers[ELLIPSOIDS]
+        send(publisher, delete_all_markers)
+        publisher.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
 
-    def _send(self, publisher: Any, write: Callable[[], Any]) -> None:
-        """Like `send`, until the farewell; that needn't wait for the writing."""
+    def _send(self, topic: Topic, write: Callable[[], Any]) -> None:
+        """Build and publish a message unless closed; `close` need not wait for the building."""
+        publisher = self._publishers[topic]
         if self._closed or not publisher.get_subscription_count():
             return
         message = write()
@@ -118,19 +100,24 @@ class Outputs:
 
 
 def delete_all_markers() -> MarkerArray:
-    """A message that takes all markers away."""
+    """A message that deletes all markers."""
     return MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
 
 
-def _when_matched(newcomer: Callable[[], object]) -> PublisherEventCallbacks:
+def _on_match(
+    topic: Topic, on_subscriber: Callable[[Topic], object]
+) -> PublisherEventCallbacks | None:
+    """Events of a publisher; None for a topic whose messages don't depend on earlier ones."""
+
     def matched(event: QoSPublisherMatchedInfo) -> None:
         if event.current_count_change > 0:
-            newcomer()
+            on_subscriber(topic)
 
-    return PublisherEventCallbacks(matched=matched)
+    resent = topic in (ELLIPSOIDS, SEGMENTS)
+    return PublisherEventCallbacks(matched=matched) if resent else None
 
 
 def send(publisher: Any, write: Callable[[], Any]) -> None:
-    """Publish what `write` makes, a message or its bytes, if somebody listens."""
+    """Publish the message or the bytes that `write` returns, if there are subscribers."""
     if publisher.get_subscription_count():
         publisher.publish(write())

@@ -1,4 +1,4 @@
-"""Settings <-> ROS parameters, in one loop over config.py."""
+"""ROS parameters derived from the settings in config.py."""
 
 import math
 from collections.abc import Callable
@@ -16,17 +16,16 @@ from rclpy.parameter import Parameter
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.settings import Checked, Setting, Value, flatten, iterate_settings, with_values
 
-# What rclpy itself declares, whatever the node.
-STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 class Parameters:
-    """The parameters of a node: those of one or more records of settings.
+    """The parameters of a node, one for each setting of one or more records.
 
-    node: made with `automatically_declare_parameters_from_overrides`, so that the values of the
-        command line and of YAML files are known, the misspelt ones too.
-    defaults: records whose names don't clash.
-    Raises ConfigError, in one line, for a given value that a record refuses.
+    node: created with `automatically_declare_parameters_from_overrides`, so that all values of
+        the command line and of YAML files are known, misspelt ones included.
+    defaults: records with disjoint names.
+    Raises ConfigError, in one line, for an invalid initial value.
     """
 
     def __init__(self, node: Node, *defaults: Checked) -> None:
@@ -36,44 +35,44 @@ class Parameters:
             name: type(value) for record in defaults for name, value in flatten(record).items()
         }
         self._changed: Callable[[], None] = lambda: None
-        self._records = self._with(self._take_given())
+        self._records = self._with(self._initial_values())
         for record in self._records:
             for name, value, about in iterate_settings(record):
                 node.declare_parameter(name, value, descriptor(value, about), ignore_override=True)
-        node.add_pre_set_parameters_callback(self._as_declared)
+        node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def records(self) -> tuple[Any, ...]:
-        """The settings in force, in the order of the defaults."""
+        """The present settings, in the order of the defaults."""
         return self._records
 
-    def on_change(self, call: Callable[[], None]) -> None:
-        """Have `call` called after every change."""
-        self._changed = call
+    def on_change(self, callback: Callable[[], None]) -> None:
+        """Set the callback that is called after every change."""
+        self._changed = callback
 
-    def _take_given(self) -> dict[str, Any]:
-        """Values given at the start; they make room for the proper declarations."""
-        given = {}
+    def _initial_values(self) -> dict[str, Any]:
+        """Return and undeclare the values given at the start; warn of unknown names."""
+        initial = {}
         for name, parameter in self._node.get_parameters_by_prefix("").items():
             if name in self._types:
-                given[name] = parameter.value
+                initial[name] = parameter.value
                 self._node.undeclare_parameter(name)
-            elif not name.startswith(STANDARD):
+            elif not name.startswith(RCLPY_PARAMETERS):
                 names = ", ".join(self._types)
                 self._node.get_logger().warning(f"there is no parameter {name}; there are {names}")
-        return given
+        return initial
 
     def _with(self, values: dict[str, Any]) -> tuple[Checked, ...]:
-        """The records with some values changed; raises ConfigError."""
+        """Copies of the records with changed values; raises ConfigError."""
         changed = []
         for record in self._records:
             own = flatten(record).keys() & values.keys()
             changed.append(with_values(record, {name: values[name] for name in own}))
         return tuple(changed)
 
-    def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Integers given for doubles become doubles: a user may write `threshold 4`."""
+    def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Convert integers to doubles where declared: a user may set `threshold 4`."""
         return [
             Parameter(p.name, Parameter.Type.DOUBLE, float(p.value))
             if self._types.get(p.name) is float and p.type_ == Parameter.Type.INTEGER
@@ -94,30 +93,30 @@ class Parameters:
 
 
 def descriptor(value: Value, about: Setting) -> ParameterDescriptor:
-    """Meaning, unit and limits of one setting, as ROS tools show them."""
-    found = ParameterDescriptor(description=description(about), read_only=not about.live)
+    """Meaning, unit and limits of a setting, as ROS tools show them."""
+    result = ParameterDescriptor(description=description(about), read_only=not about.live)
     if about.choices:
-        found.additional_constraints = f"one of {', '.join(about.choices)}"
+        result.additional_constraints = f"one of {', '.join(about.choices)}"
     if about.low is not None and isinstance(value, float):
         high = math.inf if about.high is None else float(about.high)
-        found.floating_point_range = [
+        result.floating_point_range = [
             FloatingPointRange(from_value=float(about.low), to_value=high)
         ]
     elif about.low is not None:
         top = 2**63 - 1 if about.high is None else int(about.high)
-        found.integer_range = [IntegerRange(from_value=int(about.low), to_value=top, step=1)]
-    return found
+        result.integer_range = [IntegerRange(from_value=int(about.low), to_value=top, step=1)]
+    return result
 
 
 def description(about: Setting) -> str:
-    """Meaning and unit in one line."""
+    """Meaning and unit of a setting in one line."""
     return f"{about.about} [{about.unit}]" if about.unit else about.about
 
 
-def as_yaml(*records: Checked, of: str = "segmenter") -> str:
-    """A parameter file with every setting, its meaning and limits: what config/ holds."""
+def as_yaml(*records: Checked, node: str = "segmenter") -> str:
+    """Parameter file with every setting, its meaning and limits, as in config/."""
     lines = [
-        f"# Every parameter of the {of} and its default; written from ellipseg_ros/config.py.",
+        f"# Every parameter of the {node} and its default; written from ellipseg_ros/config.py.",
         "/**:",
         "  ros__parameters:",
     ]

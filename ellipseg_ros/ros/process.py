@@ -1,4 +1,4 @@
-"""Runs a node as a process: from the command line to a clean end."""
+"""Running a node as a process, from the command line to a clean end."""
 
 import os
 import re
@@ -22,32 +22,32 @@ from ellipseg_ros.node.shutdown import ShutdownHandler
 from ellipseg_ros.ros.limits import Pauses, throttled
 
 PACKAGE = Path(ellipseg_ros.__file__).parent
-# Ends the process: in peace (None), or by an error that nobody expected.
+# Ends the process: regularly (None), or by an unexpected error.
 End = Callable[[BaseException | None], None]
 
 
 class Runnable(Protocol):
-    """What has a node, and threads of its own."""
+    """An object that holds a node and threads of its own."""
 
     @property
     def node(self) -> Node:
-        """Its node."""
+        """The node whose callbacks are to be run."""
 
     @property
     def pauses(self) -> Pauses | None:
-        """What holds its callbacks back, if something does."""
+        """Pauses between its callbacks, if any."""
 
     def close(self) -> bool:
-        """Say farewell and end the threads; False if one of them is still busy."""
+        """Publish last messages and end the threads; False if one of them is still working."""
 
 
 class Spinner:
     """Runs the callbacks of a node in a thread of its own.
 
-    So the main thread is free to wait for signals: Python runs their handlers only there, and not
-    while it waits inside DDS. What callbacks of this package raise goes to `end`. What rclpy
-    raises by itself, of a message with values that cannot be (a parameter of type 200, a negative
-    /clock), is logged, and the message is lost: else any stranger could end the node.
+    The main thread stays free to wait for signals: Python runs signal handlers only there, and
+    not while it waits inside DDS. Errors raised by this package go to `end`. Errors that rclpy
+    itself raises for invalid messages (a parameter of type 200, a negative /clock) are logged and
+    the message is dropped; otherwise any other node could end this one.
     """
 
     def __init__(self, node: Node, end: End, pauses: Pauses | None = None) -> None:
@@ -61,7 +61,7 @@ class Spinner:
         self._thread.start()
 
     def stop(self) -> None:
-        """Finish the running callback and begin no other."""
+        """Finish the running callback and start no other."""
         self._stopped = True
         self._executor.create_task(lambda: None)  # `wake` alone doesn't end spin_once
         self._thread.join()
@@ -82,57 +82,57 @@ class Spinner:
         except (ValueError, TypeError, OverflowError) as error:
             if _is_ours(error):
                 raise
-            self._log.warning(f"a message that rclpy does not take: {error}", **throttled())
+            self._log.warning(f"invalid message, rejected by rclpy: {error}", **throttled())
 
 
 def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:
-    """Keep a node until SIGINT, SIGTERM or its own end; return the exit code.
+    """Run a node until SIGINT, SIGTERM or its own end; return the exit code.
 
-    make: makes it, given the call that ends it. What is wrong with the arguments, and an
-    EllipsegError, then or later, is said in one line, code 2.
-    A second signal changes nothing, and the process ends within 2 s of the first.
+    make: creates it, given the call that ends it. Invalid arguments, and an EllipsegError at any
+    time, are reported in one line with exit code 2.
+    Further signals have no effect; the process ends within 2 s of the first.
     """
-    ending: SimpleQueue[BaseException | None] = SimpleQueue()  # may be filled by signal handlers
+    ending: SimpleQueue[BaseException | None] = SimpleQueue()  # reentrant: for signal handlers
     shutdown = ShutdownHandler(0, on_signal=lambda: ending.put(None))
     try:
-        # rclpy's own handlers would end the context before the node can say farewell.
+        # rclpy's own handlers would shut the context down before the last messages are sent.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:
-        return _failed(EllipsegError(in_one_line(error)))
+        return _report(EllipsegError(in_one_line(error)))
     try:
-        running = make(ending.put)
+        runnable = make(ending.put)
     except EllipsegError as error:
-        code = _failed(error)
+        code = _report(error)
         rclpy.shutdown()
         return code
-    spinner = Spinner(running.node, ending.put, running.pauses)
-    reason = ending.get()
-    finished = running.close()
+    spinner = Spinner(runnable.node, ending.put, runnable.pauses)
+    cause = ending.get()
+    finished = runnable.close()
     spinner.stop()
-    running.node.destroy_node()
+    runnable.node.destroy_node()
     rclpy.shutdown()
-    code = 0 if reason is None else _failed(reason)
+    code = 0 if cause is None else _report(cause)
     if not finished:
-        os._exit(code)  # a kernel that compiles or runs can't be interrupted: it delays the end
+        os._exit(code)  # a kernel that is compiled or runs can't be interrupted
     return shutdown.finish(code)
 
 
 def _is_ours(error: Exception) -> bool:
-    """Whether code of this package raised it, or called what did; but for the spinner."""
+    """Whether this package is in the traceback, apart from the spinner."""
     _, *frames = traceback.extract_tb(error.__traceback__)
     return any(Path(frame.filename).is_relative_to(PACKAGE) for frame in frames)
 
 
-def _failed(reason: BaseException) -> int:
-    """Say what ends the node; the exit code. What nobody expected keeps its traceback."""
-    if not isinstance(reason, EllipsegError):
-        raise reason
-    get_logger("ellipseg").fatal(str(reason))
+def _report(error: BaseException) -> int:
+    """Log an EllipsegError and return the exit code; other errors keep their traceback."""
+    if not isinstance(error, EllipsegError):
+        raise error
+    get_logger("ellipseg").fatal(str(error))
     return 2
 
 
 def in_one_line(error: RuntimeError) -> str:
-    """What ROS says of arguments or an environment that it doesn't take, without where."""
+    """Format what ROS reports of invalid arguments or environments, without source locations."""
     if isinstance(error, UnknownROSArgsError):
         return f"ROS knows no arguments {error}; after --ros-args there may be -p, -r and the like"
     text = " ".join(str(error).split()).replace(" ,", ",").replace(". Error: error not set", "")

@@ -1,4 +1,4 @@
-"""Writes what the segmenter publishes into a bag, or elsewhere, as it comes."""
+"""Recording of what the segmenter publishes into a bag or another sink."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -8,62 +8,63 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.io.topics import ELLIPSOIDS, LANDMARKS, RESET, SEGMENTER, SEGMENTS, UPDATE_TOPICS
 from ellipseg_ros.node.abortable_condition import AbortableCondition
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.subscriptions import header_stamp_ns, sequence_number, subscribe_outputs
 
-STAMPED = ("segmented_points", "segments", "landmarks")  # messages that begin with a header
-OPTIONAL = "landmarks"  # not published if they are not looked for
-SMALL = 1000  # bytes: more than one marker takes
+STAMPED = [topic.name for topic in UPDATE_TOPICS if topic != ELLIPSOIDS]  # begin with a header
+OPTIONAL = LANDMARKS.name  # not published if landmarks are disabled
+ONE_MARKER_BYTES = 1000  # more than a message of one marker has
 
 
 class Sink(Protocol):
-    """What takes messages, such as io.bag.BagSink."""
+    """A consumer of recorded messages, such as io.bag.BagSink."""
 
     def write(self, topic: str, time_ns: int, message: bytes) -> None:
-        """A serialized message, and the time of the update that it tells of."""
+        """Take a serialized message, and the time of its update."""
 
     def write_points(self, sweep: Sweep) -> None:
-        """A cloud that was sent."""
+        """Take a cloud that was sent."""
 
 
 class Recorder(AuxiliaryNode):
     """Subscribes to the segmenter's topics; a context manager.
 
-    Messages go into the bag as the bytes that came, at the time of the update that they tell of.
+    Messages reach the sink as the bytes received, at the time of their update.
     args: `--ros-args ...`, for a namespace.
     """
 
-    def __init__(self, bag: Sink, args: list[str] | None = None) -> None:
-        self._bag = bag
-        self._changed = AbortableCondition()  # guards the bag, too
-        self._known = False
+    def __init__(self, sink: Sink, args: list[str] | None = None) -> None:
+        self._sink = sink
+        self._changed = AbortableCondition()  # guards the sink, too
+        self._ready = False
         self._time_ns: int | None = None  # of the newest update
-        self._stamps: dict[str, int] = {}  # of the last message that came, by topic
-        self._update: int | None = None  # its number
-        self._ending = False
+        self._stamps: dict[str, int] = {}  # of the last message, by topic
+        self._sequence: int | None = None  # of the last segments
+        self._resetting = False
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
         super().__init__("ellipseg_recorder", args or [])
-        subscribe_outputs(self.node, self._on_message, self._on_known, self._on_diagnostics)
+        subscribe_outputs(self.node, self._on_message, self._on_ready, self._on_diagnostics)
 
     def write_points(self, sweep: Sweep) -> None:
-        """Note a cloud that was sent."""
+        """Record a cloud that was sent."""
         with self._changed:
-            self._bag.write_points(sweep)
+            self._sink.write_points(sweep)
 
     def wait_for_topics(self, timeout: float) -> None:
-        """Wait until the segmenter publishes all topics to us, so that no update is lost.
+        """Wait until all topics are connected, so that no update is lost.
 
         Raises EllipsegError after `timeout` s.
         """
-        self._changed.wait_until(lambda: self._known, timeout, "the node publishes nothing")
+        self._changed.wait_until(lambda: self._ready, timeout, "the node publishes nothing")
 
     def wait_for_updates(self, count: int, timeout: float) -> None:
-        """Wait until `count` updates have come, the last one on all topics that bear its time.
+        """Wait for `count` updates, the last one complete on all stamped topics.
 
-        Large messages overtake each other on the way: segments may come before their points.
+        Large messages overtake each other in transport: segments may arrive before their points.
         Raises EllipsegError after `timeout` s.
         """
         self._changed.wait_until(
@@ -71,81 +72,78 @@ class Recorder(AuxiliaryNode):
             timeout,
             lambda: f"{count} updates were due, {self.updates} came",
         )
-        self._changed.wait_until(self._is_whole, timeout, "the last update is incomplete")
+        self._changed.wait_until(self._is_complete, timeout, "the last update is incomplete")
 
     def wait_for_report(self, key: str, value: int, timeout: float) -> None:
-        """Wait until /diagnostics of the segmenter say so; EllipsegError after `timeout` s."""
+        """Wait until /diagnostics report a value; raises EllipsegError after `timeout` s."""
         text = f"/diagnostics did not come to {key!r} = {value}"
         self._changed.wait_until(lambda: self.diagnostics.get(key) == str(value), timeout, text)
 
     def reset_segmenter(self, timeout: float) -> None:
-        """Call ~/reset, which makes an update of the points that still wait for their boundary.
+        """Call ~/reset, which closes the open group of clouds and so makes the last update.
 
-        That it then takes all markers away is not recorded: the bag ends with them.
+        The deletion of all markers that follows is not recorded.
         """
-        self._ending = True
-        client = self.node.create_client(Trigger, "ellipseg_segmenter/reset")
+        self._resetting = True
+        client = self.node.create_client(Trigger, RESET.name.replace("~", SEGMENTER))
         if not client.wait_for_service(timeout):
             raise EllipsegError("the node offers no service ~/reset; does it still run?")
         answers: list[Trigger.Response] = []
         future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda it: self._note(lambda: answers.append(it.result())))
+        future.add_done_callback(lambda it: self._update(lambda: answers.append(it.result())))
         self._changed.wait_until(lambda: bool(answers), timeout, "~/reset is not answered")
         if not answers[0].success:
             raise EllipsegError(f"the node refuses ~/reset: {answers[0].message}")
 
     def stop(self, reason: str) -> None:
-        """Let everything that waits fail with `reason`; for any thread."""
+        """Make all waits fail with `reason`; thread-safe."""
         self._changed.abort(reason)
 
-    def _on_message(self, topic: str, data: bytes) -> None:
-        with self._changed:
-            if topic in STAMPED:
-                self._time_ns = self._stamps[topic] = header_stamp_ns(data)
-            farewell = self._ending and topic == "ellipsoids" and deletes_all(data)
-            again = topic == "segments" and self._is_again(data)
-            # Markers have no time of their own.
-            if self._time_ns is not None and not farewell and not again:
-                self._bag.write(f"/{topic}", self._time_ns, data)
-            self.updates += topic == "segments" and not again
-            self._changed.notify_all()
+    def fail(self, error: BaseException) -> None:
+        """Make all waits fail with an error of a callback."""
+        self.stop(f"recording failed: {error}")
 
-    def _is_whole(self) -> bool:
-        last = self._stamps.get("segments")
+    def _on_message(self, topic: str, data: bytes) -> None:
+        self._update(lambda: self._record(topic, data))
+
+    def _record(self, topic: str, data: bytes) -> None:
+        if topic in STAMPED:
+            self._time_ns = self._stamps[topic] = header_stamp_ns(data)
+        if topic == SEGMENTS.name:
+            sequence = sequence_number(data)
+            if sequence == self._sequence:  # sent again for another, new subscriber
+                return
+            self._sequence = sequence
+            self.updates += 1
+        if self._resetting and topic == ELLIPSOIDS.name and deletes_all(data):
+            return
+        if self._time_ns is not None:  # markers take the time of the last stamped message
+            self._sink.write(f"/{topic}", self._time_ns, data)
+
+    def _is_complete(self) -> bool:
+        last = self._stamps.get(SEGMENTS.name)
         return all(
             self._stamps.get(topic) == last
             for topic in STAMPED
             if topic in self._stamps or topic != OPTIONAL
         )
 
-    def _is_again(self, data: bytes) -> bool:
-        """Whether these segments came already, and come again for somebody else who is late."""
-        before, self._update = self._update, sequence_number(data)
-        return self._update == before
-
-    def _on_known(self) -> None:
-        with self._changed:
-            self._known = True
-            self._changed.notify_all()
+    def _on_ready(self) -> None:
+        self._update(lambda: setattr(self, "_ready", True))
 
     def _on_diagnostics(self, values: dict[str, str]) -> None:
-        with self._changed:
-            self.diagnostics = values
-            self._changed.notify_all()
+        self._update(lambda: setattr(self, "diagnostics", values))
 
-    def _note(self, change: Callable[[], object]) -> None:
+    def _update(self, change: Callable[[], object]) -> None:
+        """Change the guarded state and notify the waiting threads."""
         with self._changed:
             change()
             self._changed.notify_all()
 
-    def fail(self, error: BaseException) -> None:
-        """Let what waits fail with it."""
-        self.stop(f"recording failed: {error}")
-
 
 def deletes_all(data: bytes) -> bool:
-    """Whether a serialized MarkerArray does nothing but to delete all markers."""
-    if len(data) > SMALL:
+    """Whether a serialized MarkerArray only deletes all markers."""
+    if len(data) > ONE_MARKER_BYTES:
         return False
     actions = [marker.action for marker in deserialize_message(data, MarkerArray).markers]
     return actions == [Marker.DELETEALL]

@@ -1,4 +1,4 @@
-"""Publishes a source on ROS topics: `ros2 run ellipseg_ros replayer`, or as a library call."""
+"""Publishing a source on ROS topics: `ros2 run ellipseg_ros replayer`, or as a library call."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,27 +11,27 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.sources import open_source
-from ellipseg_ros.msg import SegmentArray
+from ellipseg_ros.io.topics import CLOCK, PAUSE, POINTS, REPLAYER, SEGMENTS
 from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.parameters import Parameters
 from ellipseg_ros.ros.process import End, Spinner, run
 from ellipseg_ros.ros.subscriptions import header_stamp_ns
+from ellipseg_ros.ros.topics import create_publisher, create_service, create_subscription
 from ellipseg_ros.settings import Checked, setting
 
-DEPTH = 1000  # clouds kept for a slow subscriber
-FAREWELL = Duration(seconds=1.0)  # that subscribers get to acknowledge the last clouds
-PATIENCE = 1.0  # s that the playback gets to end
+SEGMENTS_DEPTH = 1000  # an update that is lost would stop the flow until its timeout
+ACKNOWLEDGE_TIMEOUT = Duration(seconds=1.0)  # for the last clouds
+PLAYBACK_TIMEOUT_S = 1.0  # for the thread to end
 
 
 @dataclass(frozen=True)
-class Place(Checked):
+class ReplaySource(Checked):
     """What `ros2 run` plays."""
 
     source: str = setting("", "bag, cloud file, or sim:SCENE", live=False)
@@ -39,45 +39,43 @@ class Place(Checked):
 
 
 class ReplayerNode:
-    """The node `ellipseg_replayer`: `points`, /clock, and the service ~/pause (std_srvs/SetBool).
+    """The node `ellipseg_replayer`: publishes `points` and /clock, and offers ~/pause.
 
     options: the defaults of its parameters.
     """
 
     def __init__(self, options: ReplayOptions, context: Context | None = None) -> None:
         node = self.node = Node(
-            "ellipseg_replayer",
-            context=context,
-            automatically_declare_parameters_from_overrides=True,
+            REPLAYER, context=context, automatically_declare_parameters_from_overrides=True
         )
-        options, self.place = Parameters(node, options, Place()).records()
+        options, self.source = Parameters(node, options, ReplaySource()).records()
         self.playback = Playback(options, self._send, node.get_logger().info)
         matched = PublisherEventCallbacks(matched=self._on_match)
-        self._points = node.create_publisher(PointCloud2, "points", DEPTH, event_callbacks=matched)
-        self._clock_topic = node.create_publisher(Clock, "/clock", 10) if options.clock else None
+        self._points = create_publisher(node, POINTS, event_callbacks=matched)
+        self._clock = create_publisher(node, CLOCK) if options.clock else None
         if options.ahead:
-            node.create_subscription(SegmentArray, "segments", self._on_segments, DEPTH, raw=True)
-        node.create_service(SetBool, "~/pause", self._on_pause)
+            create_subscription(node, SEGMENTS, self._on_segments, SEGMENTS_DEPTH, raw=True)
+        create_service(node, PAUSE, self._on_pause)
 
     def close(self) -> bool:
-        """Send nothing more, and wait a moment for what was sent to arrive."""
+        """Stop the playback, and wait briefly until what was sent is acknowledged."""
         self.playback.stop()
-        self._points.wait_for_all_acked(FAREWELL)
+        self._points.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
         return True
 
     def _send(self, sweep: Sweep) -> None:
-        if self._clock_topic is not None:
+        if self._clock is not None:
             seconds, nanoseconds = divmod(sweep.stamp_ns, SECOND)
-            self._clock_topic.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+            self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
         self._points.publish(write_sweep(sweep))
 
     def _on_match(self, event: QoSPublisherMatchedInfo) -> None:
         if event.current_count:
-            self.playback.listening()
+            self.playback.subscribed()
 
     def _on_segments(self, serialized: bytes) -> None:
-        """Only the stamp is read: as objects, thousands of segments would take too long."""
-        self.playback.come_back(header_stamp_ns(serialized))
+        """Read only the stamp: deserializing thousands of segments would take too long."""
+        self.playback.acknowledge(header_stamp_ns(serialized))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.pause(request.data)
@@ -92,8 +90,8 @@ class Replayer:
         with Replayer(open_source("drive.mcap"), ReplayOptions(ahead=3.0)) as replayer:
             summary = replayer.run()
 
-    It has a ROS context of its own. args: `--ros-args ...` for it. domain: its ROS_DOMAIN_ID, if
-    it shall not be that of the environment. Raises ConfigError.
+    It has a ROS context of its own. args: `--ros-args ...` for it. domain: its ROS_DOMAIN_ID;
+    None: that of the environment. Raises ConfigError.
     """
 
     def __init__(
@@ -137,28 +135,28 @@ class Replayer:
 
 
 class ReplayerProcess(ReplayerNode):
-    """The node that plays what its parameters name, and then ends."""
+    """The node that plays the source named by its parameters, and then ends."""
 
     pauses = None
 
     def __init__(self, end: End) -> None:
         super().__init__(ReplayOptions())
-        if not self.place.source:
+        if not self.source.source:
             raise InputError("the parameter source is empty; give one: -p source:=drive.mcap, say")
-        self._source = open_source(self.place.source, self.place.topic)
+        self._sweeps = open_source(self.source.source, self.source.topic)
         self._end = end
         self._player = Thread(target=self._play, name="player", daemon=True)
         self._player.start()
 
     def close(self) -> bool:
-        """Send nothing more; False if the source is slow to let go."""
+        """Stop the playback; False if reading the source blocks it."""
         super().close()
-        self._player.join(PATIENCE)
+        self._player.join(PLAYBACK_TIMEOUT_S)
         return not self._player.is_alive()
 
     def _play(self) -> None:
         try:
-            summary = self.playback.play(self._source)
+            summary = self.playback.play(self._sweeps)
             self.node.get_logger().info(f"sent {summary.clouds} clouds, {summary.points} points")
         except Exception as error:
             self._end(error)

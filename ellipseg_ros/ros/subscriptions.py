@@ -1,4 +1,4 @@
-"""Subscribing to what a segmenter publishes, as the bytes that come."""
+"""Subscriptions to everything that a segmenter publishes, as serialized messages."""
 
 import struct
 from collections.abc import Callable
@@ -6,81 +6,70 @@ from collections.abc import Callable
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
-from visualization_msgs.msg import MarkerArray
 
-from ellipseg_ros.msg import LandmarkArray, SegmentArray
+from ellipseg_ros.io.topics import DIAGNOSTICS, ELLIPSOIDS, SEGMENTER, UPDATE_TOPICS, Topic
 from ellipseg_ros.records import SECOND
+from ellipseg_ros.ros.topics import create_subscription
 
-GREETING = "ellipsoids"  # a segmenter sends something to everybody who subscribes to it
-TOPICS = {
-    "segmented_points": PointCloud2,
-    "landmarks": LandmarkArray,
-    "segments": SegmentArray,
-    GREETING: MarkerArray,  # the last: who is greeted there is known on all topics
-}
-DEPTH = 100  # messages kept while others are dealt with
+DEPTH = 100  # messages kept while earlier ones are processed
 
 
 def subscribe_outputs(
     node: Node,
     on_message: Callable[[str, bytes], object],
-    on_known: Callable[[], object],
+    on_ready: Callable[[], object],
     on_diagnostics: Callable[[dict[str, str]], object],
 ) -> None:
     """Subscribe to all topics of the segmenter in the node's namespace.
 
-    on_message gets topic and bytes, on_diagnostics what /diagnostics say. on_known is called once
-    we know of publishers of all topics and they know of us: one learns of the other first, and
-    what is published meanwhile is lost.
+    on_message: gets the name of the topic and the bytes. on_diagnostics: gets the values of
+    /diagnostics by key. on_ready: called once, when both sides know each other on all topics: a
+    subscription matches first on one side, and messages sent meanwhile are lost. The segmenter
+    sends markers to every new subscriber of `ellipsoids`; that topic is subscribed to last, so
+    they show that the segmenter knows all subscriptions.
     """
-    unknown = {*TOPICS, "greeting"}
+    pending = {*UPDATE_TOPICS, "markers"}
 
-    def know(what: str) -> None:
-        if what in unknown:
-            unknown.remove(what)
-            if not unknown:
-                on_known()
+    def arrived(item: Topic | str) -> None:
+        if item in pending:
+            pending.remove(item)
+            if not pending:
+                on_ready()
 
-    def matched(topic: str, event: QoSSubscriptionMatchedInfo) -> None:
-        if event.current_count:
-            know(topic)
+    def subscribe(topic: Topic) -> None:
+        def matched(event: QoSSubscriptionMatchedInfo) -> None:
+            if event.current_count:
+                arrived(topic)
 
-    def heard(topic: str, data: bytes) -> None:
-        if topic == GREETING:
-            know("greeting")
-        on_message(topic, data)
+        def received(data: bytes) -> None:
+            if topic == ELLIPSOIDS:
+                arrived("markers")
+            on_message(topic.name, data)
+
+        events = SubscriptionEventCallbacks(matched=matched)
+        create_subscription(node, topic, received, DEPTH, raw=True, event_callbacks=events)
 
     def diagnosed(msg: DiagnosticArray) -> None:
         for status in segmenter_statuses(node, msg):
             on_diagnostics({item.key: item.value for item in status.values})
 
-    for topic, kind in TOPICS.items():
-        node.create_subscription(
-            kind,
-            topic,
-            lambda data, topic=topic: heard(topic, data),
-            DEPTH,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                matched=lambda event, topic=topic: matched(topic, event)
-            ),
-        )
-    node.create_subscription(DiagnosticArray, "/diagnostics", diagnosed, DEPTH)
+    for topic in sorted(UPDATE_TOPICS, key=lambda topic: topic == ELLIPSOIDS):
+        subscribe(topic)
+    create_subscription(node, DIAGNOSTICS, diagnosed, DEPTH)
 
 
 def segmenter_statuses(node: Node, msg: DiagnosticArray) -> list[DiagnosticStatus]:
-    """What the segmenter in the node's namespace says in it, if it is of him."""
-    own = f"{node.get_namespace().strip('/')}/ellipseg_segmenter:".lstrip("/")
-    return [status for status in msg.status if status.name.startswith(own)]
+    """The statuses of the segmenter in the node's namespace."""
+    name = f"{node.get_namespace().strip('/')}/{SEGMENTER}:".lstrip("/")
+    return [status for status in msg.status if status.name.startswith(name)]
 
 
 def sequence_number(data: bytes) -> int:
-    """`sequence` of a serialized SegmentArray, which stands behind the header."""
+    """`sequence` of a serialized SegmentArray, the field after the header."""
     order = "<" if data[1] & 1 else ">"
     (length,) = struct.unpack_from(f"{order}I", data, 12)  # of frame_id
-    behind = 16 + length
-    (number,) = struct.unpack_from(f"{order}I", data, behind + -behind % 4)
+    end = 16 + length
+    (number,) = struct.unpack_from(f"{order}I", data, end + -end % 4)
     return int(number)
 
 

@@ -1,4 +1,4 @@
-"""The thread that tunes on the window of now, beside the one that segments."""
+"""The thread that tunes the threshold on the present window, beside the one that segments."""
 
 import os
 import threading
@@ -16,19 +16,19 @@ from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.live import LIVE_SEARCH
 from ellipseg_ros.tuning.search import tune
 
-NICE = 10  # lower priority than the updates
-TUNINGS = (0.3, 20.0)  # share of the time that tunings may take, and s at once
-LEAST = 100  # points, below which a curve means nothing
+NICENESS = 10  # of the thread: updates have priority
+TUNING_SHARE = (0.3, 20.0)  # of the time, for all tunings, and burst in s
+MIN_POINTS = 100  # below which a curve is meaningless
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """What became of a tuning."""
+    """Outcome of a tuning."""
 
-    found: Segmentation  # the window
-    config: Config  # the settings under which it was segmented
+    window: Segmentation
+    config: Config  # the settings of its segmentation
     curve: Curve | None
-    problem: str = ""  # in one line, where there is no curve
+    problem: str = ""  # in one line, if there is no curve
     seconds: float = 0.0
 
 
@@ -37,126 +37,129 @@ Job = tuple[Segmentation, Config, Done]
 
 
 class Tuner(threading.Thread):
-    """Tunes one window at a time, on one core and at low priority, so that updates go on.
+    """Tunes one window at a time, on one core and at low priority, while updates continue.
 
-    on_auto: called, in this thread, with what a tuning by itself has found.
-    end: called, in this thread, with an error that nobody expected; nothing is tuned after it.
+    on_auto_tuned: called in this thread after an automatic tuning.
+    end: called in this thread with an unexpected error; no tuning follows it.
     """
 
-    def __init__(self, on_auto: Done, end: End) -> None:
+    def __init__(self, on_auto_tuned: Done, end: End) -> None:
         super().__init__(name="tuner", daemon=True)
-        self._on_auto = on_auto
+        self._on_auto_tuned = on_auto_tuned
         self._end = end
         self._changed = threading.Condition()
         self._latest: tuple[Segmentation, Config] | None = None
         self._job: Job | None = None
         self._busy = False
-        self._share = Share(*TUNINGS)
+        self._share = Share(*TUNING_SHARE)
         self._period_ns = 0
-        self._due_ns = 0  # sensor time of the next tuning by itself
+        self._due_ns = 0  # sensor time of the next automatic tuning
         self._closed = False
 
-    def look(self, found: Segmentation, config: Config, period: float) -> None:
-        """Take note of an update, and tune on it if `period` s of sensor time have passed.
+    def observe(self, segmentation: Segmentation, config: Config, period: float) -> None:
+        """Keep an update, and tune on it if `period` s of sensor time have passed; 0: never.
 
-        0: never by itself. The first time is a period after the start, a restart, or a change of
-        the period, when the window has filled.
-        It waits while a tuning is under way, or while all tunings, also those asked for, have
-        taken more than their share: a period of a minute leaves 18 s to each.
+        The first automatic tuning is due a period after the start, a restart, or a change of the
+        period, when the window has filled. It is postponed while another tuning runs, or while
+        all tunings have exceeded their share: a period of a minute leaves 18 s to each.
         """
         with self._changed:
-            self._latest = (found, config)
+            self._latest = (segmentation, config)
             period_ns = round(period * SECOND)
-            if found.restart or period_ns != self._period_ns:
-                self._period_ns, self._due_ns = period_ns, found.end_ns + period_ns
-            elif period_ns and found.end_ns >= self._due_ns and not self._waits():
-                self._due_ns = found.end_ns + period_ns
-                if not too_few(found):
-                    self._start(self._on_auto)
+            end_ns = segmentation.end_ns
+            if segmentation.restart or period_ns != self._period_ns:
+                self._period_ns, self._due_ns = period_ns, end_ns + period_ns
+            elif period_ns and end_ns >= self._due_ns and not self._is_blocked():
+                self._due_ns = end_ns + period_ns
+                if not too_few_points(segmentation):
+                    self._start_job(self._on_auto_tuned)
 
-    def forget(self) -> None:
-        """The window has been reset."""
+    def reset(self) -> None:
+        """Discard the latest update, whose window has been reset."""
         with self._changed:
             self._latest, self._period_ns = None, 0
 
-    def ask(self, done: Done) -> str:
-        """Tune on the newest window, then call `done`, in this thread; or say why not."""
+    def request(self, done: Done) -> str:
+        """Tune on the latest update, then call `done` in this thread; return why not, or ""."""
         with self._changed:
             if self._busy:
-                return "a tuning is under way; call again when it is done"
+                return "a tuning is running; call again when it has finished"
             wait = self._share.wait()
             if wait:
                 return f"there were too many tunings; call again in {wait:.1f} s"
             if self._latest is None:
                 return "there is no window yet; call again after the first update"
-            few = too_few(self._latest[0])
-            if not few:
-                self._start(done)
-            return few
+            problem = too_few_points(self._latest[0])
+            if not problem:
+                self._start_job(done)
+            return problem
 
-    def _waits(self) -> bool:
-        """Whether no tuning may begin now; the share is looked at only while nothing uses it."""
+    def _is_blocked(self) -> bool:
+        """Whether no tuning may start now; queries the share only while no tuning counts on it."""
         return self._busy or self._share.wait() > 0.0
 
-    def _start(self, done: Done) -> None:
+    def _start_job(self, done: Done) -> None:
         if self._latest is not None:
             self._job, self._busy = (*self._latest, done), True
-            self._changed.notify()
+            self._changed.notify_all()
 
     def close(self) -> None:
-        """Begin nothing more."""
+        """Start no more tunings."""
         with self._changed:
             self._closed = True
-            self._changed.notify()
+            self._changed.notify_all()
 
     def run(self) -> None:
-        """Work until closed."""
+        """Tune until closed."""
         try:
-            give_way()
-            for found, config, done in iter(self._next, None):
+            lower_priority()
+            for window, config, done in iter(self._next_job, None):
                 with self._share.work():
-                    tuned = work(found, config)
-                self._busy = False
+                    tuned = tune_window(window, config)
+                with self._changed:
+                    self._busy = False
+                    self._changed.notify_all()
                 if not self._closed:
                     done(tuned)
         except Exception as error:
             self._end(error)
 
-    def _next(self) -> Job | None:
-        """Wait for something to do; None when closed."""
+    def _next_job(self) -> Job | None:
+        """Wait for a job; None when closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._job or self._closed)
             job, self._job = self._job, None
             return None if self._closed else job
 
 
-def give_way() -> None:
-    """Lower the priority of this thread to NICE, unless it is lower already.
+def lower_priority() -> None:
+    """Set the niceness of this thread to at least NICENESS.
 
-    Raising it takes a right. A system that forbids both lets tunings go on all the same.
+    A lower one can't be restored without privileges. Tunings work without it, too, where the
+    system forbids the call.
     """
     thread = threading.get_native_id()  # Linux: each has a priority of its own
     with suppress(OSError):
-        present = os.getpriority(os.PRIO_PROCESS, thread)
-        os.setpriority(os.PRIO_PROCESS, thread, max(present, NICE))
+        niceness = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, max(niceness, NICENESS))
 
 
-def work(found: Segmentation, config: Config) -> Tuned:
-    """Tune on the window of a segmentation; what goes wrong must not end the node."""
+def tune_window(window: Segmentation, config: Config) -> Tuned:
+    """Tune on the points of a window; errors become a problem, as they must not end the node."""
     started = time.monotonic()
     try:
-        points = found.points[found.labels >= ISOLATED]
-        with single_threaded():  # the pool is for the updates
-            curve = tune(points, config, LIVE_SEARCH, found.origin)
+        points = window.points[window.labels >= ISOLATED]
+        with single_threaded():  # the thread pool is for the updates
+            curve = tune(points, config, LIVE_SEARCH, window.origin)
     except Exception as error:
         problem = f"the tuning failed: {type(error).__name__}: {' '.join(str(error).split())}"
-        return Tuned(found, config, None, problem)
-    return Tuned(found, config, curve, "", time.monotonic() - started)
+        return Tuned(window, config, None, problem)
+    return Tuned(window, config, curve, "", time.monotonic() - started)
 
 
-def too_few(found: Segmentation) -> str:
-    """Why a window is not worth a tuning; empty if it is."""
-    points = found.counts.segmented
-    if points >= LEAST:
+def too_few_points(window: Segmentation) -> str:
+    """Why a window is too small for a tuning; empty if it is not."""
+    points = window.counts.segmented
+    if points >= MIN_POINTS:
         return ""
-    return f"the window has {points} segmented points; a curve needs {LEAST} or more"
+    return f"the window has {points} segmented points; a curve needs {MIN_POINTS} or more"

@@ -18,7 +18,7 @@ from ellipseg_ros.cli.isolation import environment_variables, isolated_ros_args
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.io.messages import Markers, write_segments
+from ellipseg_ros.io.messages import MarkerStream, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.node.playback import ReplayOptions
@@ -57,7 +57,7 @@ def publishing(sizes: Sizes) -> Section:
         SegmentationPublisher(ros_args) as publisher,
     ):
         listener.wait_for_topics(START_TIMEOUT_S)
-        markers = Markers(NodeConfig())
+        markers = MarkerStream(NodeConfig())
         for number in range(2 * sizes.runs + 1):
             state = State.UPDATED if number % 2 else State.UNCHANGED
             segmentation = _next_update(segmentation, state)
@@ -86,11 +86,11 @@ def _publish(publisher: SegmentationPublisher, segmentation: Segmentation) -> in
     return time.monotonic_ns()
 
 
-def _writers(segmentation: Segmentation, markers: Markers) -> dict[str, Callable[[], bytes]]:
+def _writers(segmentation: Segmentation, markers: MarkerStream) -> dict[str, Callable[[], bytes]]:
     """The functions that serialize the message of each topic, with all markers."""
     return {
         "segmented_points": lambda: write_labelled(segmentation),
-        "ellipsoids": lambda: markers.update(segmentation, everything=True),
+        "ellipsoids": lambda: markers.update(segmentation, send_all=True),
         "segments": lambda: write_segments(segmentation),
     }
 
@@ -174,7 +174,7 @@ def _latency(name: str, sweeps: Iterable[Sweep], window: float, sizes: Sizes) ->
             which: round(1e3 * float(report[f"latency {key} [s]"]), 1)
             for which, key in (("p50", "median"), ("p99", "p99"))
         },
-        "updates_coalesced": int(report["updates joined"]),
+        "updates_coalesced": int(report["updates coalesced"]),
         "clouds_lost": int(report["clouds lost by DDS"]),
         "peak_memory_mb": memory_mb,
     }
@@ -189,7 +189,7 @@ def memory(sizes: Sizes) -> Section:
     """Peak memory of the node at its default settings, with subscribers to all topics."""
     drive = simulate(SCENE, duration=sizes.window + 5.0)
     sweeps = list(thinned(drive, sizes.points / sizes.window / points_per_second(drive)))
-    options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, patience=UPDATE_TIMEOUT_S)
+    options = ReplayOptions(rate=0.0, clock=False, ahead=2.0, update_timeout=UPDATE_TIMEOUT_S)
     settings = {"window_duration": sizes.window}
     with running(RELIABLE | settings) as (listener, node, ros_args):
         with Replayer(sweeps, options, ros_args) as replayer:

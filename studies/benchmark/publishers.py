@@ -4,6 +4,7 @@ from threading import Event
 
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.errors import EllipsegError
+from ellipseg_ros.io.topics import Topic
 from ellipseg_ros.records import Segmentation
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.outputs import Outputs
@@ -18,7 +19,7 @@ class SegmentationPublisher(AuxiliaryNode):
     def __init__(self, args: list[str]) -> None:
         self._created = Event()
         super().__init__("ellipseg_probe", args)
-        self._outputs = Outputs(self.node, self._greet, lambda: None)
+        self._outputs = Outputs(self.node, self._resend)
         self._created.set()
 
     def publish(self, segmentation: Segmentation) -> None:
@@ -27,7 +28,7 @@ class SegmentationPublisher(AuxiliaryNode):
             raise EllipsegError(f"publishing failed: {self.failed[0]}")
         self._outputs.publish(segmentation, NodeConfig())
 
-    def _greet(self) -> None:
+    def _resend(self, topic: Topic) -> None:
         """Send a new subscriber what the segmenter sends first; may be called while creating."""
         self._created.wait()
-        self._outputs.greet()
+        self._outputs.resend(topic)

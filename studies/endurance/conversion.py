@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.messages import Markers
+from ellipseg_ros.io.messages import MarkerStream
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.records import Segmentation, Sweep
@@ -80,7 +80,7 @@ class Consumer:
     def _start(self) -> None:
         self._grouping = Grouping(self._config)
         self._segmenter = Segmenter(self._config)
-        self._markers = Markers(NodeConfig())
+        self._markers = MarkerStream(NodeConfig())
         self._before: Segmentation | None = None
 
     def process(self, name: str, cloud: Cloud) -> None:

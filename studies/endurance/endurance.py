@@ -11,9 +11,10 @@ import numpy as np
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.fields import join_sweeps
-from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_fields
+from ellipseg_ros.io.topics import BAG_TOPICS
 from ellipseg_ros.node.grouping import Grouping, updates
 from ellipseg_ros.node.memory import state_bytes
 from ellipseg_ros.records import SECOND, Array, Segmentation, Sweep
@@ -68,7 +69,7 @@ class LatestMessages:
 
     def decoded(self, topic: str) -> Any:
         """The last message of a topic."""
-        return node_types().deserialize_cdr(self.messages[topic], TYPES[topic])
+        return node_types().deserialize_cdr(self.messages[topic], BAG_TOPICS[topic].type)
 
 
 @dataclass

@@ -103,7 +103,7 @@ def replay_flooded(services: list[str], seconds: float, seed: int) -> Drive:
         updates = dict(subscriber.updates)
     latencies = [updates[stamp] - sent[stamp] for stamp in updates if stamp in sent]
     return Drive(
-        updates=int(report["updates"]) + int(report["updates joined"]),
+        updates=int(report["updates"]) + int(report["updates coalesced"]),
         expected=int(seconds) - 1,
         lost=int(report["clouds lost by DDS"]),
         latency=median(latencies) / SECOND,

@@ -4,7 +4,7 @@ from typing import Protocol
 
 REPORT_TIMEOUT_S = 30.0
 IDLE_REPORTS = 3  # equal reports in a row, one a second, after which a node counts as idle
-COUNTS = ("clouds received", "clouds rejected", "updates", "updates joined", "updates given up")
+COUNTS = ("clouds received", "clouds rejected", "updates", "updates coalesced", "updates dropped")
 
 
 class Reports(Protocol):
@@ -26,7 +26,9 @@ def idle_report(
     for _ in range(max_reports):
         report = reports.next_report(timeout_s)
         earlier, counts = counts, [report[name] for name in COUNTS]
-        idle = report["updates waiting"] == "0" and report["update under way for [s]"] == "0.0"
+        idle = (
+            report["updates in backlog"] == "0" and report["current update duration [s]"] == "0.0"
+        )
         equal = equal + 1 if idle and counts == earlier else int(idle)
         if equal == IDLE_REPORTS:
             break

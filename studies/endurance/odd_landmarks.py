@@ -170,7 +170,7 @@ def _spoil(row: Any, rng: np.random.Generator) -> None:
         name, size = (("id", 2**32), ("kind", 2**8), ("count", 2**32))[which]
         setattr(row, name, int(rng.choice(NUMBERS)) % size)
     elif which < 6:
-        setattr((row.position, row.low, row.high)[which - 3], "xyz"[rng.integers(3)], value)
+        setattr((row.position, row.box_min, row.box_max)[which - 3], "xyz"[rng.integers(3)], value)
     elif which == 6:
         row.covariance = list(row.covariance)
         row.covariance[rng.integers(36)] = value

@@ -61,7 +61,9 @@ def _capacity(load: Load, options: Options) -> float:
     """Points/s at which an update takes as long as the period between two; measured twice."""
     rate = PROBED_RATE
     period = Config().update_period
-    replay = ReplayOptions(rate=0.0, clock=False, ahead=3.0 * period, patience=UPDATE_TIMEOUT_S)
+    replay = ReplayOptions(
+        rate=0.0, clock=False, ahead=3.0 * period, update_timeout=UPDATE_TIMEOUT_S
+    )
     settings = {
         "window_duration": load.window_s,
         "input_reliability": "reliable",

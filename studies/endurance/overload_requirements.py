@@ -21,8 +21,8 @@ COUNTS = (
     "clouds received",
     "clouds lost by DDS",
     "updates",
-    "updates joined",
-    "updates given up",
+    "updates coalesced",
+    "updates dropped",
 )
 
 
@@ -82,7 +82,7 @@ def _per_case(cases: list[Case], texts: Iterable[str]) -> str:
 
 def _memory(cases: list[Case]) -> str:
     texts = [
-        f"{case.peak_mb:,.0f} MB ({case.count('points expired early'):,} points expired early)"
+        f"{case.peak_mb:,.0f} MB ({case.count('points evicted'):,} points evicted)"
         for case in cases
     ]
     return _per_case(cases, texts)
@@ -92,7 +92,7 @@ def eviction(cases: list[Case], load: Load, test: str, max_points: int) -> Requi
     """Whether exactly the points beyond `max_points` expire early."""
 
     def is_counted(case: Case) -> bool:
-        early = case.count("points expired early")
+        early = case.count("points evicted")
         if case.rate * load.window_s <= max_points:
             return early == 0
         # Points that waited at the end of the overload may expire by age, in the calm.
@@ -117,7 +117,7 @@ def bounded_memory(floods: list[Case], load: Load, max_points: int) -> Requireme
         "fill the window and as many wait for every update; peak memory of the node, at most "
         f"{MAX_MEMORY_GROWTH:g} times that at half the load",
         _memory(floods),
-        min(case.count("points expired early") for case in floods) > 0,
+        min(case.count("points evicted") for case in floods) > 0,
         high <= MAX_MEMORY_GROWTH * low,
     )
 

@@ -72,7 +72,7 @@ def as_fast_as_processed(config: Config) -> ReplayOptions:
     period = config.update_period
     ahead = 2.0 * period
     return ReplayOptions(
-        rate=0.0, clock=False, ahead=ahead, update_period=period, patience=UPDATE_TIMEOUT_S
+        rate=0.0, clock=False, ahead=ahead, update_period=period, update_timeout=UPDATE_TIMEOUT_S
     )
 
 

@@ -12,10 +12,10 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from ellipseg_ros.association.landmark_map import StoredMap
-from ellipseg_ros.io.bag import CLOUD
 from ellipseg_ros.io.bag_writer import RECORDING
 from ellipseg_ros.io.map_file import write_map
 from ellipseg_ros.io.pointcloud2 import write_sweep
+from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.records import SECOND, Array, Landmarks, Sweep
 
 POINTS = 200

@@ -150,11 +150,11 @@ def differences(record: Record, expected: list[Segmentation]) -> int:
 def misreported(record: Record, expected: list[Segmentation], gaps: int) -> list[str]:
     """What diagnostics or log report otherwise than expected."""
     reasons = [update.restart for update in expected if update.restart]
-    counts = {"restarts": len(reasons), "gaps in the stamps": gaps, "clouds rejected": 0}
+    counts = {"restarts": len(reasons), "stamp gaps": gaps, "clouds rejected": 0}
     errors = [
         f"{name} {record.report[name]}, not {count}"
         for name, count in counts.items()
         if record.report[name] != str(count)
     ]
-    logged = re.findall("begins anew: (.*)", record.log)
+    logged = re.findall("restarts: (.*)", record.log)
     return errors if logged == reasons else [*errors, f"{len(logged)} restarts in the log"]

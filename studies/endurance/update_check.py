@@ -7,9 +7,10 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.window import MAX_COORDINATE_M
-from ellipseg_ros.io.bag import TYPES, node_types
-from ellipseg_ros.io.messages import Markers, write_landmarks, write_segments
+from ellipseg_ros.io.bag import node_types
+from ellipseg_ros.io.messages import MarkerStream, write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.io.topics import BAG_TOPICS
 from ellipseg_ros.records import REJECTED, SECOND, THINNED, Segmentation, Sweep
 
 FINITE = {  # columns that must be finite, by record
@@ -74,7 +75,7 @@ def _not_finite(update: Segmentation) -> Iterator[str]:
                 yield f"{column} of the {name} is not finite"
 
 
-def unreadable(update: Segmentation, markers: Markers) -> Iterator[str]:
+def unreadable(update: Segmentation, markers: MarkerStream) -> Iterator[str]:
     """Yield a description of everything that is wrong in the messages of an update."""
     cloud = _decoded("/segmented_points", write_labelled(update))
     if cloud.width != len(update.points) or len(cloud.data) != cloud.row_step:
@@ -93,4 +94,4 @@ def unreadable(update: Segmentation, markers: Markers) -> Iterator[str]:
 
 
 def _decoded(topic: str, message: bytes) -> Any:
-    return node_types().deserialize_cdr(message, TYPES[topic])
+    return node_types().deserialize_cdr(message, BAG_TOPICS[topic].type)

@@ -90,7 +90,7 @@ def test_numbers_that_are_no_measurement_are_refused(good, name, value, place, w
 
 
 def test_too_many_landmarks_are_refused_before_they_are_read(monkeypatch):
-    monkeypatch.setattr(landmark_messages, "MOST", 10)
+    monkeypatch.setattr(landmark_messages, "MAX_LANDMARKS", 10)
     with pytest.raises(InputError) as error:
         read_landmarks(SimpleNamespace(landmarks=[None] * 11))
     assert error.value.reason == "many"

@@ -9,9 +9,10 @@ from point_accounting import Account
 
 from ellipseg_ros.cli.verification import RecordedUpdate, Verification
 from ellipseg_ros.config import Config
-from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.messages import write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
+from ellipseg_ros.io.topics import SEGMENTS
 from ellipseg_ros.records import SECOND, State, Sweep
 from ellipseg_ros.segmenter import Segmenter
 
@@ -44,7 +45,7 @@ def recorded(result):
         result.point_object_ids,
         segments,
         write_landmarks(result, result.landmarks),
-        node_types().deserialize_cdr(segments, TYPES["/segments"]),
+        node_types().deserialize_cdr(segments, SEGMENTS.type),
     )
 
 

@@ -11,8 +11,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import (
-    CLOUD,
-    TYPES,
     BagSink,
     BagSweeps,
     msg_folder,
@@ -20,6 +18,7 @@ from ellipseg_ros.io.bag import (
     read_messages,
 )
 from ellipseg_ros.io.pointcloud2 import labelled_fields, write_sweep
+from ellipseg_ros.io.topics import BAG_TOPICS, CLOUD
 from ellipseg_ros.records import Sweep
 
 START_NS = 1_700_000_000 * 10**9
@@ -204,7 +203,9 @@ def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
     for window, update in zip(windows, found, strict=True):
         np.testing.assert_array_equal(window.fields, labelled_fields(update))
     with Reader(tmp_path / "out") as reader:
-        assert {c.topic: c.msgtype for c in reader.connections} == TYPES
+        assert {c.topic: c.msgtype for c in reader.connections} == {
+            name: topic.type for name, topic in BAG_TOPICS.items()
+        }
         assert {c.topic: c.msgcount for c in reader.connections} == {
             "/points": 3,
             "/segmented_points": 2,

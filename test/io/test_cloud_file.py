@@ -231,7 +231,8 @@ def is_labelled_drive(path):
 
 
 def message_reader():
-    from ellipseg_ros.io.bag import CLOUD, node_types
+    from ellipseg_ros.io.bag import node_types
+    from ellipseg_ros.io.topics import CLOUD
 
     return lambda raw: node_types().deserialize_cdr(raw, CLOUD)
 

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io import topics
+from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.colours import id_colours
-from ellipseg_ros.io.messages import Markers, quaternions, write_landmarks, write_segments
+from ellipseg_ros.io.messages import MarkerStream, quaternions, write_landmarks, write_segments
 from ellipseg_ros.records import Kind, Ragged, State
 
 SECOND = 10**9
@@ -79,8 +80,8 @@ def plain_object(found, row):
         count=int(objects.count[row]),
         mean=vector("Point", objects.mean[row]),
         covariance=objects.covariance[row].ravel(),
-        low=vector("Point", objects.box_min[row]),
-        high=vector("Point", objects.box_max[row]),
+        box_min=vector("Point", objects.box_min[row]),
+        box_max=vector("Point", objects.box_max[row]),
         planarity=float(objects.planarity[row]),
         cylindricality=float(objects.cylindricality[row]),
         sphericity=float(objects.sphericity[row]),
@@ -126,8 +127,8 @@ def plain_landmark(found, row):
         position=vector("Point", marks.position[row]),
         orientation=rotation(marks.axes[row]),
         sigma=marks.sigma[row].copy(),
-        low=vector("Vector3", marks.box_min[row]),
-        high=vector("Vector3", marks.box_max[row]),
+        box_min=vector("Vector3", marks.box_min[row]),
+        box_max=vector("Vector3", marks.box_max[row]),
         covariance=marks.covariance[row].ravel(),
         stability=float(marks.stability[row]),
         first_seen=time(int(marks.first_seen_ns[row])),
@@ -204,7 +205,7 @@ def plain_markers(found, rows, dead=(), clear=False):
 @settings(max_examples=100, deadline=None)
 def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id, criterion):
     found = random_records.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
-    expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
+    expected = STORE.serialize_cdr(plain_segments(found), topics.SEGMENTS.type)
     assert write_segments(found) == bytes(expected)
 
 
@@ -216,7 +217,7 @@ def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id
 @settings(max_examples=50, deadline=None)
 def test_the_bytes_of_landmarks_are_those_of_the_record(segments, seed, frame_id):
     found = random_records.segmentation(90, segments, seed, frame_id=frame_id)
-    expected = STORE.serialize_cdr(plain_landmarks(found), TYPES["/landmarks"])
+    expected = STORE.serialize_cdr(plain_landmarks(found), topics.LANDMARKS.type)
     assert write_landmarks(found, found.landmarks) == bytes(expected)
 
 
@@ -231,14 +232,14 @@ def test_landmarks_are_read_by_ros_itself():
     assert np.array_equal(
         read.landmarks[2].covariance.reshape(6, 6), found.landmarks.covariance[2]
     )
-    assert read.landmarks[-1].high.z == found.landmarks.box_max[-1, 2]
+    assert read.landmarks[-1].box_max.z == found.landmarks.box_max[-1, 2]
     assert list(read.removed) == list(found.landmarks.removed)
     assert (Landmark.PLANE, Landmark.LINE, Landmark.BLOB) == tuple(Kind)
 
 
 def test_without_objects_there_are_none_in_the_message():
     found = random_records.segmentation(30, 5, objects=None)
-    expected = STORE.serialize_cdr(plain_segments(found), TYPES["/segments"])
+    expected = STORE.serialize_cdr(plain_segments(found), topics.SEGMENTS.type)
     assert write_segments(found) == bytes(expected)
 
 
@@ -249,7 +250,7 @@ def test_every_number_of_parents_fits():
     found = random_records.segmentation(
         30, 8, parents=parents, ids=np.arange(8, 0, -1).astype(np.uint32)
     )
-    read = STORE.deserialize_cdr(write_segments(found), TYPES["/segments"])
+    read = STORE.deserialize_cdr(write_segments(found), topics.SEGMENTS.type)
     assert [s.id for s in read.segments] == list(range(1, 9))
     assert [s.parents.tolist() for s in read.segments[::-1]] == [
         parents[k].tolist() for k in range(8)
@@ -289,7 +290,7 @@ def test_quaternions_are_scipys():
 
 def sent(markers, found, **how):
     """What a viewer is told: the ids that it must draw, those to delete, whether to clear."""
-    read = STORE.deserialize_cdr(markers.update(found, **how), TYPES["/ellipsoids"]).markers
+    read = STORE.deserialize_cdr(markers.update(found, **how), topics.ELLIPSOIDS.type).markers
     actions = [marker.action for marker in read]
     assert 3 not in actions[1:], "DELETEALL must come first"
     ids = [marker.id for marker in read if marker.action != 3]
@@ -303,10 +304,10 @@ def sent(markers, found, **how):
 )
 @settings(max_examples=100, deadline=None)
 def test_the_bytes_of_markers_are_those_of_the_objects(segments, seed, frame_id):
-    markers = Markers(ALL)
+    markers = MarkerStream(ALL)
     first = random_records.segmentation(60, segments, seed, frame_id=frame_id)
     visible = np.flatnonzero(first.ellipsoids.count >= 1)
-    kind = TYPES["/ellipsoids"]
+    kind = topics.ELLIPSOIDS.type
     visible = visible[np.argsort(first.ids[visible])]
     expected = STORE.serialize_cdr(plain_markers(first, visible, clear=True), kind)
     assert markers.update(first) == bytes(expected)
@@ -317,7 +318,7 @@ def test_the_bytes_of_markers_are_those_of_the_objects(segments, seed, frame_id)
     rows = np.flatnonzero(kept.ellipsoids.count >= 1)
     dead = sorted(set(first.ids[visible]) - set(kept.ids[rows]))
     expected = STORE.serialize_cdr(plain_markers(kept, rows, dead), kind)
-    assert markers.update(kept, everything=True) == bytes(expected)
+    assert markers.update(kept, send_all=True) == bytes(expected)
 
     anew = replace(kept, restart="a reset", sequence=2)
     expected = STORE.serialize_cdr(plain_markers(anew, rows, clear=True), kind)
@@ -329,7 +330,7 @@ def test_markers_are_read_by_ros_itself():
     from visualization_msgs.msg import MarkerArray
 
     found = random_records.segmentation(100, 7, restart="a reset")
-    read = serialization.deserialize_message(Markers(ALL).update(found), MarkerArray).markers
+    read = serialization.deserialize_message(MarkerStream(ALL).update(found), MarkerArray).markers
     assert [m.id for m in read] == [0, *range(1, 8)]
     assert [m.action for m in read] == [3] + [0] * 7
     assert [m.pose.position.z for m in read[1:]] == found.ellipsoids.mean[
@@ -356,7 +357,7 @@ def steady(seconds, step=1.0, **changes):
 
 @pytest.mark.parametrize("step", [0.1, 0.7, 1.0, 2.0, 4.9])
 def test_every_marker_comes_again_within_5_s_and_not_all_at_once(step):
-    markers = Markers(ALL)
+    markers = MarkerStream(ALL)
     times = {number: [] for number in range(1, 201)}
     for found in steady(40.0, step):
         drawn, dead, cleared = sent(markers, found)
@@ -372,7 +373,7 @@ def test_every_marker_comes_again_within_5_s_and_not_all_at_once(step):
 
 def test_only_changed_markers_come_at_once():
     updates = list(steady(3.0, 0.01))
-    markers = Markers(ALL)
+    markers = MarkerStream(ALL)
     assert len(sent(markers, updates[0])[0]) == 200
     state = updates[1].state.copy()
     state[[3, 5]] = [State.UPDATED, State.NEW]
@@ -382,7 +383,7 @@ def test_only_changed_markers_come_at_once():
 
 def test_the_dead_and_the_small_are_deleted_once():
     first, second, third = list(steady(3.0))
-    markers = Markers(NodeConfig(marker_min_count=2))
+    markers = MarkerStream(NodeConfig(marker_min_count=2))
     sent(markers, first)
     count = second.ellipsoids.count.copy()
     count[0] = 1  # id 1 is too small now
@@ -398,11 +399,11 @@ def test_the_dead_and_the_small_are_deleted_once():
 def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_a_reset():
     updates = list(steady(1.0, 0.01))
     everything = set(range(1, 201))
-    markers = Markers(ALL)
+    markers = MarkerStream(ALL)
     assert sent(markers, updates[0]) == (everything, set(), True)  # who knows what was before
     assert sent(markers, updates[1])[0] != everything
-    assert sent(markers, updates[2], everything=True) == (everything, set(), False)
-    assert sent(markers, updates[2], everything=True, anew=True) == (everything, set(), True)
+    assert sent(markers, updates[2], send_all=True) == (everything, set(), False)
+    assert sent(markers, updates[2], send_all=True, delete_all=True) == (everything, set(), True)
     assert sent(markers, updates[4])[0] == everything  # updates[3] was left out
     markers.configure(ALL)
     assert sent(markers, updates[5])[0] != everything
@@ -415,7 +416,7 @@ def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_
 
 
 def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes():
-    markers = Markers(replace(ALL, marker_colour="object"))
+    markers = MarkerStream(replace(ALL, marker_colour="object"))
     first, second, third = list(steady(0.03, 0.01))
     sent(markers, first)
     assert len(sent(markers, second)[0]) < 20
@@ -423,7 +424,7 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
     ids[0] = 1234
     moved = replace(third, objects=replace(third.objects, ids=ids))
     members = set(third.ids[third.objects.segment_labels == 0].tolist())
-    read = STORE.deserialize_cdr(markers.update(moved), TYPES["/ellipsoids"]).markers
+    read = STORE.deserialize_cdr(markers.update(moved), topics.ELLIPSOIDS.type).markers
     assert members <= {marker.id for marker in read}
     for marker in read:
         expected = id_colours(moved.object_ids[moved.ids == marker.id])[0] / 255.0
@@ -434,8 +435,8 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
 def test_a_flat_ellipsoid_is_as_thick_as_a_millimetre_and_sigmas_scale_it():
     found = random_records.segmentation(100, 5)
     read = STORE.deserialize_cdr(
-        Markers(NodeConfig(marker_min_count=1, marker_sigmas=3.0)).update(found),
-        TYPES["/ellipsoids"],
+        MarkerStream(NodeConfig(marker_min_count=1, marker_sigmas=3.0)).update(found),
+        topics.ELLIPSOIDS.type,
     )
     drawn = [marker for marker in read.markers if marker.action == 0]
     scales = np.array([[m.scale.x, m.scale.y, m.scale.z] for m in drawn])

@@ -11,11 +11,12 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.core import window
 from ellipseg_ros.core.fields import MAX_FIELDS_BYTES
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.bag import CLOUD, node_types
-from ellipseg_ros.io.limits import LAST_STAMP
+from ellipseg_ros.io.bag import node_types
+from ellipseg_ros.io.limits import MAX_STAMP_S
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.point_times import time_offsets
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
+from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
@@ -123,7 +124,8 @@ def test_a_segment_that_spans_the_earth_takes_no_longer_than_any_other():
 
 
 @pytest.mark.parametrize(
-    ("sec", "nanosec"), [(-1, 0), (2**31 - 1, 0), (0, SECOND), (0, 2**32 - 1), (LAST_STAMP + 1, 0)]
+    ("sec", "nanosec"),
+    [(-1, 0), (2**31 - 1, 0), (0, SECOND), (0, 2**32 - 1), (MAX_STAMP_S + 1, 0)],
 )
 def test_a_stamp_that_is_none_is_refused(sec, nanosec):
     cloud = replace(large_cloud(3), header=Header(Time(sec, nanosec), "odom"))
@@ -133,12 +135,12 @@ def test_a_stamp_that_is_none_is_refused(sec, nanosec):
 
 
 def test_the_last_stamp_with_all_that_is_added_to_it_fits_a_message():
-    cloud = replace(large_cloud(50), header=Header(Time(LAST_STAMP, SECOND - 1), "odom"))
+    cloud = replace(large_cloud(50), header=Header(Time(MAX_STAMP_S, SECOND - 1), "odom"))
     sweep = read_sweep(cloud)
     late = replace(sweep, offsets_ns=np.full(50, 10 * SECOND))
     found = Segmenter(Config(window_duration=86400.0)).process(late)
     msg = node_types().deserialize_cdr(write_segments(found), "ellipseg_ros/msg/SegmentArray")
-    assert msg.window_end.sec == LAST_STAMP + 10
+    assert msg.window_end.sec == MAX_STAMP_S + 10
 
 
 @pytest.mark.parametrize("name", ["n" * 256, "two\nlines", "nul\0", "\ud800"])

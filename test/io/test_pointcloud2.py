@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.bag import CLOUD, node_types
+from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled, write_sweep
+from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.records import Sweep
 
 CODES = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 8: "d"}  # of struct

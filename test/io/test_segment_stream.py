@@ -8,7 +8,8 @@ import pytest
 from point_accounting import NO_GROUPS, Groups, contradictions
 
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.io.bag import TYPES, BagSink, node_types, read_messages
+from ellipseg_ros.io import topics
+from ellipseg_ros.io.bag import BagSink, node_types, read_messages
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.segment_mirror import SegmentMirror
 from ellipseg_ros.io.segment_stream import SegmentStream
@@ -17,7 +18,7 @@ from ellipseg_ros.segmenter import Segmenter
 
 
 def decoded(data):
-    return node_types().deserialize_cdr(data, TYPES["/segments"])
+    return node_types().deserialize_cdr(data, topics.SEGMENTS.type)
 
 
 def same(one, other):

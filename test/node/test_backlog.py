@@ -10,7 +10,8 @@ from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.core.window import Window
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.node.backlog import Backlog, ListAll, Overload, Reset, ShowAll, Update
+from ellipseg_ros.io.topics import ELLIPSOIDS, SEGMENTS
+from ellipseg_ros.node.backlog import Backlog, Overload, Resend, Reset, Update
 from ellipseg_ros.records import Sweep
 
 
@@ -20,9 +21,9 @@ def update(stamp, restart="", **settings):
 
 
 def drain(backlog):
-    backlog.put(ShowAll())  # the end
+    backlog.put(Resend(ELLIPSOIDS))  # the end
     tasks = []
-    while not isinstance(task := backlog.get(1.0), ShowAll):
+    while not isinstance(task := backlog.get(1.0), Resend):
         tasks.append(task)
     return tasks
 
@@ -46,11 +47,11 @@ def test_beyond_the_limit_all_are_taken_together_and_no_point_is_lost():
     backlog = Backlog()
     for stamp in (1, 2):
         backlog.put(update(stamp), 2)
-    assert backlog.put(update(3, criterion="density"), 2) == Overload(joined=2, given_up=0)
+    assert backlog.put(update(3, criterion="density"), 2) == Overload(coalesced=2, dropped=0)
     (joined,) = drain(backlog)
     assert joined.sweep.times_ns.tolist() == [1, 1, 2, 2, 3, 3]
     assert joined.sweep.points[:, 0].tolist() == [1, 1, 2, 2, 3, 3]
-    assert joined.arrived == 1.0  # the latency is that of the one that waited longest
+    assert joined.arrival == 1.0  # the latency is that of the one that waited longest
     assert joined.config.criterion == "density"
 
 
@@ -67,7 +68,7 @@ def test_what_was_joined_and_is_then_given_up_counts_once():
     tasks = [update(1), update(2), update(3), update(4, restart="a jump"), update(5)]
     said = [one for task in tasks if (one := backlog.put(task, 1))]
     taken = len(drain(backlog))
-    assert taken + sum(one.joined + one.given_up for one in said) == len(tasks)
+    assert taken + sum(one.coalesced + one.dropped for one in said) == len(tasks)
 
 
 @pytest.mark.parametrize("restart", [update(3, restart="a jump"), Reset("asked for")])
@@ -75,7 +76,7 @@ def test_updates_before_a_restart_are_given_up_not_joined_over_it(restart):
     backlog = Backlog()
     for task in (update(1), update(2), restart, update(4)):
         said = backlog.put(task, 3 if isinstance(restart, Update) else 2)
-    assert (said.given_up, said.points_given_up) == (2, 4)
+    assert (said.dropped, said.points_dropped) == (2, 4)
     left = drain(backlog)
     if isinstance(restart, Reset):
         assert left[0] is restart
@@ -92,7 +93,7 @@ def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
     said = [backlog.put(group, 1) for group in groups]
     (joined,) = drain(backlog)
     assert len(joined.sweep) == 8  # whole groups
-    assert (joined.arrived, joined.sweep.restart) == (17.0, "a jump")
+    assert (joined.arrival, joined.sweep.restart) == (17.0, "a jump")
     whole, bounded = Window(), Window()
     of_all = whole.push(join_sweeps([group.sweep for group in groups]), config).evicted
     of_rest = bounded.push(joined.sweep, config).evicted
@@ -177,9 +178,9 @@ def test_a_flood_of_calls_is_no_flood_of_tasks():
     backlog = Backlog()
     for k in range(1000):
         backlog.put(Reset(f"call {k}"))
-        backlog.put(ShowAll())
-        backlog.put(ListAll())
-    tasks = [Reset("call 0"), ShowAll(), ListAll()]
+        backlog.put(Resend(ELLIPSOIDS))
+        backlog.put(Resend(SEGMENTS))
+    tasks = [Reset("call 0"), Resend(ELLIPSOIDS), Resend(SEGMENTS)]
     assert [backlog.get(1.0) for _ in tasks] == tasks
     assert backlog.get(0.0) is None
 

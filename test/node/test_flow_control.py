@@ -40,8 +40,8 @@ def test_clouds_may_go_until_they_are_too_far_ahead():
         flow.send(sweep)
         sent += 1
     # The first update is closed by the cloud at 11.0 s; nothing has come back since 10.0 s.
-    assert sent == 11 and flow.closed == flow.outstanding == 1
-    flow.come_back(11 * SECOND)
+    assert sent == 11 and flow.updates == flow.outstanding == 1
+    flow.acknowledge(11 * SECOND)
     assert flow.outstanding == 0
     assert flow.may_send(cloud(99.0))  # over a gap too, as nothing is outstanding
 
@@ -76,10 +76,10 @@ def test_the_segmenter_and_the_replayer_never_wait_for_each_other(name, ahead, p
     flow = FlowControl(Config(), ahead)
     for sweep in drive:
         while not flow.may_send(sweep):
-            flow.come_back(next(coming))  # StopIteration: both would wait for ever
+            flow.acknowledge(next(coming))  # StopIteration: both would wait for ever
         flow.send(sweep)
     for end in coming:
-        flow.come_back(end)
+        flow.acknowledge(end)
     assert flow.outstanding == 0
 
 
@@ -89,10 +89,10 @@ def test_with_a_slower_node_enough_sensor_time_ahead_is_enough():
     flow = FlowControl(Config(update_period=1.0), ahead=3.0)
     for sweep in drive:
         while not flow.may_send(sweep):
-            flow.come_back(next(coming))
+            flow.acknowledge(next(coming))
         flow.send(sweep)
     for end in coming:
-        flow.come_back(end)
+        flow.acknowledge(end)
     assert flow.outstanding <= 1
 
 
@@ -101,7 +101,7 @@ def test_what_is_given_up_is_not_waited_for():
     for sweep in clouds(0.0, 11):
         flow.send(sweep)
     assert not flow.may_send(cloud(5.0))
-    assert flow.give_up() == 1
+    assert flow.abandon() == 1
     assert flow.may_send(cloud(5.0))
-    flow.come_back(SECOND)  # late after all
+    flow.acknowledge(SECOND)  # late after all
     assert flow.outstanding == 0

@@ -60,7 +60,7 @@ def test_good_clouds_are_fine_and_their_rate_is_told(clock):
     report = found.report(waiting=1)
     assert (report.level, report.message) == (OK, "segmenting")
     assert report.values["input rate [1/s]"] == "10.00"
-    assert report.values["updates waiting"] == "1"
+    assert report.values["updates in backlog"] == "1"
 
 
 def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
@@ -78,8 +78,8 @@ def test_points_that_left_no_trace_are_told(clock):
     found.updated(window(late=3, evicted=40), 0.1, 0.2)
     report = found.report(0)
     assert report.level == WARN
-    assert report.message == "max_points reached: 40 points expired early"
-    assert (report.values["points late"], report.values["points expired early"]) == ("3", "40")
+    assert report.message == "max_points reached: 40 points evicted"
+    assert (report.values["points late"], report.values["points evicted"]) == ("3", "40")
     found.cloud()
     assert found.report(0).level == OK
 
@@ -92,7 +92,7 @@ def test_a_window_that_begins_anew_again_and_again_is_worth_a_warning(clock):
             found.updated(window(restart="the frame changed from 'a' to 'b'"), 0.1, 0.2)
         report = found.report(0)
         assert report.level == (OK if times == 1 else WARN)
-    assert report.message == "the window began anew 3 times: the frame changed from 'a' to 'b'"
+    assert report.message == "the window restarted 3 times: the frame changed from 'a' to 'b'"
     assert report.values["restarts"] == "4"
 
 
@@ -134,27 +134,27 @@ def test_a_group_that_is_rejected_says_nothing_of_the_clouds_that_come(clock):
 def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
     found = ready()
     found.cloud()
-    found.lost(3)
-    found.overloaded(joined=2, given_up=1, points_given_up=700)
+    found.count(lost=3)
+    found.count(coalesced=2, dropped=1, points_dropped=700)
     report = found.report(0)
     assert report.level == WARN
     assert report.message == (
-        "3 clouds lost; too slow: 2 updates joined; too slow: 1 updates given up"
+        "3 clouds lost; too slow: 2 updates coalesced; too slow: 1 updates dropped"
     )
     later = found.report(0)
     assert later.level == OK
-    names = ("clouds lost by DDS", "updates joined", "updates given up", "points given up")
+    names = ("clouds lost by DDS", "updates coalesced", "updates dropped", "points dropped")
     assert [later.values[name] for name in names] == ["3", "2", "1", "700"]
 
 
 def test_points_that_expired_before_their_update_are_told_with_the_others(clock):
     found = ready()
     found.cloud()
-    found.overloaded(joined=1, given_up=0, evicted=30)
+    found.count(coalesced=1, dropped=0, evicted=30)
     found.updated(window(evicted=10), 0.1, 0.2)
     report = found.report(0)
-    assert "max_points reached: 40 points expired early" in report.message
-    assert report.values["points expired early"] == "40"
+    assert "max_points reached: 40 points evicted" in report.message
+    assert report.values["points evicted"] == "40"
 
 
 def test_times_are_those_of_the_last_hundred_updates(clock):
@@ -187,11 +187,14 @@ def test_an_update_without_an_end_is_an_error(clock):
         assert found.report(0).level == OK
         clock.s += 2.0
         report = found.report(0)
-        assert (report.level, report.message) == (ERROR, "an update has been under way for 61 s")
-        assert report.values["update under way for [s]"] == "61.0"
+        assert (report.level, report.message) == (
+            ERROR,
+            "the current update has taken 61 s so far",
+        )
+        assert report.values["current update duration [s]"] == "61.0"
     found.cloud()
     report = found.report(0)
-    assert (report.level, report.values["update under way for [s]"]) == (OK, "0.0")
+    assert (report.level, report.values["current update duration [s]"]) == (OK, "0.0")
 
 
 def test_three_late_updates_in_a_row_are_too_slow(clock):
@@ -204,7 +207,7 @@ def test_three_late_updates_in_a_row_are_too_slow(clock):
         levels.append(report.level)
         if report.level:
             assert report.message.endswith("later than update_period, the last after 1.30 s")
-            assert report.message.startswith("too slow for real time: 3 updates")
+            assert report.message.startswith("too slow for real time: 3 consecutive updates")
     assert levels == [OK, OK, OK, OK, WARN, OK]
 
 
@@ -227,13 +230,13 @@ def test_ages_and_memory_are_told(clock):
     assert values["time since the last update [s]"] == "3.0"
     assert values["age of the newest point [s]"] == "2.0"
     assert values["latency last [s]"] == "0.2000"
-    assert values["running for [s]"] == "3"
+    assert values["uptime [s]"] == "3"
     assert 10 < float(values["memory [MB]"]) < 100_000
 
 
 def test_another_node_that_publishes_the_same_is_worth_a_warning(clock):
     found = ready()
     found.cloud()
-    found.rivals = 1
+    found.other_publishers = 1
     report = found.report(0)
     assert report.level == WARN and "1 other nodes publish segments" in report.message

@@ -26,7 +26,7 @@ class Audience:
         self.said = []
         self.summary = None
         self._changed = threading.Condition()
-        options = ReplayOptions(**{"wait": False, **options})
+        options = ReplayOptions(**{"wait_for_subscriber": False, **options})
         self.playback = Playback(options, self._send, self.said.append)
         self._thread = threading.Thread(target=self._play, args=(source,), daemon=True)
 
@@ -106,9 +106,9 @@ def test_an_empty_source_ends_even_in_a_loop():
 
 
 def test_nothing_is_sent_until_somebody_listens():
-    with playing(clouds(2), rate=0.0, wait=True) as audience:
+    with playing(clouds(2), rate=0.0, wait_for_subscriber=True) as audience:
         assert audience.sent == []
-        audience.playback.listening()
+        audience.playback.subscribed()
         audience.end()
     assert len(audience.sent) == 2
     assert audience.said == ["waiting for a subscriber of `points`"]
@@ -147,23 +147,28 @@ def test_it_stays_ahead_of_the_node_by_no_more_than_it_may():
         audience.wait_for(11)
         for update in range(1, 5):
             assert len(audience.sent) <= 10 * update + 1
-            audience.playback.come_back((100 + update) * SECOND)
+            audience.playback.acknowledge((100 + update) * SECOND)
             audience.wait_for(min(50, 10 * update + 5))
         summary = audience.end()
     assert (summary.clouds, summary.updates, summary.missed) == (50, 4, 0)
 
 
 def test_it_goes_on_without_a_node_that_is_silent_and_says_so():
-    with playing(clouds(35), rate=0.0, ahead=0.5, patience=0.1) as audience:
+    with playing(clouds(35), rate=0.0, ahead=0.5, update_timeout=0.1) as audience:
         summary = audience.end()
     assert summary.clouds == 35
     assert summary.missed == summary.updates == 3
-    assert "no update has come back for 0.1 s" in audience.said[0]
+    assert "no update for 0.1 s" in audience.said[0]
 
 
 @pytest.mark.parametrize(
     "options",
-    [{"wait": True}, {"start_paused": True}, {"rate": 0.001}, {"rate": 0.0, "ahead": 0.1}],
+    [
+        {"wait_for_subscriber": True},
+        {"start_paused": True},
+        {"rate": 0.001},
+        {"rate": 0.0, "ahead": 0.1},
+    ],
 )
 def test_it_stops_whatever_it_waits_for(options):
     with playing(clouds(50), **options) as audience:

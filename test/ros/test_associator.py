@@ -41,7 +41,11 @@ def message(found, stamp, frame_id="odom"):
             covariance=found.covariance[row].ravel(),
             stability=float(found.stability[row]),
         )
-        for name, column in (("position", "position"), ("low", "box_min"), ("high", "box_max")):
+        for name, column in (
+            ("position", "position"),
+            ("box_min", "box_min"),
+            ("box_max", "box_max"),
+        ):
             point = getattr(landmark, name)
             point.x, point.y, point.z = getattr(found, column)[row].tolist()
         q = landmark.orientation
@@ -93,30 +97,30 @@ def node(domain, tmp_path_factory):
 def test_a_world_that_comes_again_is_recognized(node):
     looks = scene()
     first = node.update(looks.earlier, 1)
-    assert first.verdict == Association.TOO_FEW and first.map_landmarks == 0
+    assert first.verdict == Association.TOO_FEW and first.map_landmark_count == 0
     assert node.marker.action == Marker.DELETE
     node.update(no_landmarks(), 2)
     early = node.update(looks.later, 3)
-    assert early.map_landmarks == 0  # the delay is not over
+    assert early.map_landmark_count == 0  # the delay is not over
     again = node.update(looks.later, 20)
-    assert again.map_landmarks == len(looks.earlier)
+    assert again.map_landmark_count == len(looks.earlier)
 
     # The map's ids are rows + 1, since nothing was in it before.
     expected = associate(looks.earlier, looks.later)
     pairs = [(pair.map_id - 1, pair.landmark_id - 1) for pair in again.pairs]
     assert pairs == [tuple(pair) for pair in expected.pairs]
     assert again.verdict == expected.verdict < Verdict.AMBIGUOUS
-    assert {nanoseconds(pair.map_seen) for pair in again.pairs} == {SECOND}
+    assert {nanoseconds(pair.map_last_seen) for pair in again.pairs} == {SECOND}
     np.testing.assert_allclose(
-        [pair.distance for pair in again.pairs], expected.distance, atol=1e-6
+        [pair.mahalanobis_distance for pair in again.pairs], expected.distance, atol=1e-6
     )
     t, q = again.transform.translation, again.transform.rotation
     np.testing.assert_allclose([t.x, t.y, t.z], expected.T_earlier_later[:3, 3], atol=1e-6)
     turn = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
     np.testing.assert_allclose(turn, expected.T_earlier_later[:3, :3], atol=1e-6)
     np.testing.assert_allclose(again.covariance, expected.covariance.ravel(), rtol=1e-6)
-    assert len(again.unknown) == expected.undetermined.size
-    assert list(again.unknown_names) == expected.undetermined_names
+    assert len(again.undetermined) == expected.undetermined.size
+    assert list(again.undetermined_names) == expected.undetermined_names
 
     assert node.marker.action == Marker.ADD
     ends = np.array([(p.x, p.y, p.z) for p in node.marker.points]).reshape(-1, 2, 3)
@@ -133,7 +137,7 @@ def test_what_was_recognized_does_not_enter_twice(node):
     pairs = len(node.update(looks.later, 120).pairs)
     assert pairs > 10
     node.update(no_landmarks(), 121)
-    total = node.update(no_landmarks(), 140).map_landmarks
+    total = node.update(no_landmarks(), 140).map_landmark_count
     assert total == len(looks.earlier) + len(looks.later) - pairs
 
 
@@ -151,20 +155,20 @@ def test_a_segmenter_that_restarts_has_other_landmarks(domain, tmp_path):
         restarted.sequence = 0
         found.landmarks.send(restarted)
         heard = found.associations.wait(lambda a: nanoseconds(a.header.stamp) == 20 * SECOND)
-        assert heard.map_landmarks == len(first)
+        assert heard.map_landmark_count == len(first)
 
 
 def test_saved_and_loaded_it_is_the_same(node):
-    before = node.update(no_landmarks(), 200).map_landmarks
+    before = node.update(no_landmarks(), 200).map_landmark_count
     assert before > 0
     answer = node.call("save")
     assert answer.success and answer.message == f"{before} landmarks written to {node.path}"
     assert len(read_map(node.path)) == before
     assert node.call("clear").message == f"{before} landmarks forgotten"
-    assert node.update(no_landmarks(), 201).map_landmarks == 0
+    assert node.update(no_landmarks(), 201).map_landmark_count == 0
     answer = node.call("load")
     assert answer.success and answer.message == f"{before} landmarks read from {node.path}"
-    assert node.update(no_landmarks(), 202).map_landmarks == before
+    assert node.update(no_landmarks(), 202).map_landmark_count == before
 
 
 def test_nobody_on_the_network_says_where_it_writes(node, tmp_path):
@@ -178,12 +182,12 @@ def test_nobody_on_the_network_says_where_it_writes(node, tmp_path):
 
 
 def test_a_file_that_is_no_map_is_refused_and_the_map_stays(node):
-    before = node.update(no_landmarks(), 300).map_landmarks
+    before = node.update(no_landmarks(), 300).map_landmark_count
     node.path.write_bytes(b"no map")
     answer = node.call("load")
     assert not answer.success and "is no map of landmarks" in answer.message
     assert "\n" not in answer.message
-    assert node.update(no_landmarks(), 301).map_landmarks == before
+    assert node.update(no_landmarks(), 301).map_landmark_count == before
 
 
 def test_bad_landmarks_are_rejected_and_told(node):
@@ -249,7 +253,7 @@ def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
         found = Meeting(me)
         heard = found.update(looks.later, 1000)
         assert len(heard.pairs) > 10
-        assert heard.map_landmarks == len(ids)
+        assert heard.map_landmark_count == len(ids)
         process.signal(signal.SIGINT)
         assert process.wait() == 0
         assert found.markers.wait(lambda m: m.markers[0].action == Marker.DELETEALL)

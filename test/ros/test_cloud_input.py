@@ -14,7 +14,7 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.ros.cloud_input import OVERLAP, CloudInput
+from ellipseg_ros.ros.cloud_input import MAX_OVERLAP, CloudInput
 from ellipseg_ros.ros.process import Spinner
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -56,7 +56,7 @@ def send(outbox, here, numbers, points=10):
 
 @pytest.mark.parametrize("first", ["publisher", "subscriber"])
 def test_a_reliable_publisher_is_heard_reliably_and_each_cloud_once(first, me, ros_domain):
-    numbers = list(range(OVERLAP + 5))
+    numbers = list(range(MAX_OVERLAP + 5))
     if first == "publisher":
         outbox = me.publisher(PointCloud2, "/points")
         with listening(ros_domain) as here:
@@ -82,7 +82,7 @@ def test_large_clouds_come_whole_from_a_reliable_publisher(me, ros_domain):
 def test_a_best_effort_publisher_beside_a_reliable_one_is_heard_too(me, ros_domain):
     with listening(ros_domain) as here:
         reliable = me.speak(PointCloud2, "/points")
-        send(reliable, here, range(OVERLAP + 1))
+        send(reliable, here, range(MAX_OVERLAP + 1))
         assert here.points.reliability == RELIABLE
         careless = me.speak(PointCloud2, "/points", BEST_EFFORT)
         for number in range(100, 200):  # such a publisher sends nothing twice
@@ -159,7 +159,7 @@ class Early:
     def get_publishers_info_by_topic(self, topic):
         return [SimpleNamespace(qos_profile=SimpleNamespace(reliability=self.offered))]
 
-    def create_subscription(self, kind, topic, call, qos, event_callbacks):
+    def create_subscription(self, kind, topic, callback, qos, event_callbacks):
         self.made.append(qos.reliability)
         if len(self.made) == 1:
             self.offered, self._events = BEST_EFFORT, event_callbacks
@@ -178,4 +178,4 @@ def test_a_publisher_that_is_found_while_it_subscribes_is_adapted_to():
     node.found.join()
     assert node.made == [RELIABLE, BEST_EFFORT]
     assert points.reliability == BEST_EFFORT
-    assert (points._old, points._subscription) == (1, 2)
+    assert (points._replaced, points._subscription) == (1, 2)

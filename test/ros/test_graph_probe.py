@@ -146,7 +146,7 @@ def test_qos_that_does_not_match(domain, examine, tmp_path):
 
 def test_the_records_hold_what_came(domain):
     with stream(domain, "/front/points"), GraphProbe("", "/front") as observer:
-        graph = observer.observe(4.0)
+        graph = observer.probe(4.0)
     assert graph.topic.name == "/front/points"
     assert [end.reliability for end in graph.topic.publishers] == ["reliable"]
     assert len(graph.clouds) >= 5

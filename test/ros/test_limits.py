@@ -8,7 +8,7 @@ from rclpy.clock_type import ClockType
 from rclpy.logging import get_logger
 
 from ellipseg_ros.ros import limits
-from ellipseg_ros.ros.limits import LONGEST_PAUSE, Pauses, Quota, Share, throttled
+from ellipseg_ros.ros.limits import MAX_PAUSE_S, Pauses, Quota, Share, throttled
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_no_pause_is_long_whatever_a_call_took(core):
     pauses = Pauses(0.2, burst=0.1)
     pauses.take()
     calls(pauses, core, 3, seconds=2.0)
-    assert core.pauses == [LONGEST_PAUSE] * 3
+    assert core.pauses == [MAX_PAUSE_S] * 3
 
 
 def test_what_was_asked_long_ago_is_forgiven(clock, core):

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import threading
-import time
 from contextlib import contextmanager
 from queue import Queue
 from threading import Event, Thread
@@ -116,7 +115,7 @@ def test_a_call_sets_the_threshold_of_least_aicc_and_tells_the_curve(node):
     assert node.me.get(NODE, "threshold")[0].double_value == best
 
     message = node.curves.wait(lambda _: True)
-    assert (message.present, message.chosen) == (BAD, best)
+    assert (message.current_threshold, message.new_threshold) == (BAD, best)
     assert list(message.loss) == expected.loss.tolist()
     assert list(message.count) == expected.count.tolist()
     assert nanoseconds(message.header.stamp) == 11 * SECOND
@@ -157,11 +156,13 @@ def test_by_itself_the_node_changes_a_bad_threshold_after_two_curves(node):
         if stamp >= 102.0:  # a period after the first update
             node.curves.wait_for(now + 1)
     one, two = node.curves.messages[heard : heard + 2]
-    assert one.chosen == one.present == BAD and "waiting for another" in one.reason
-    assert two.present == BAD and two.chosen != BAD
+    assert (
+        one.new_threshold == one.current_threshold == BAD and "waiting for another" in one.reason
+    )
+    assert two.current_threshold == BAD and two.new_threshold != BAD
     after = update(node, stamp + 1.0)
-    assert (after.threshold, after.threshold_change) == (two.chosen, "auto_tuned")
-    assert node.me.get(NODE, "threshold")[0].double_value == two.chosen
+    assert (after.threshold, after.threshold_change) == (two.new_threshold, "auto_tuned")
+    assert node.me.get(NODE, "threshold")[0].double_value == two.new_threshold
     assert node.me.set(NODE, auto_tune_period=0.0)[0].successful
 
 
@@ -216,7 +217,7 @@ def test_updates_go_on_while_a_tuning_is_under_way(held):
     assert not answers
     second, other = asked(held)
     other.join(60.0)
-    assert not second[0].success and "a tuning is under way" in second[0].message
+    assert not second[0].success and "a tuning is running" in second[0].message
     held.go.set()
     thread.join(60.0)
     assert answers[0].success
@@ -231,7 +232,7 @@ def test_a_curve_that_the_settings_have_overtaken_changes_nothing(held):
     assert held.me.set("/held/ellipseg_segmenter", threshold=9.0)[0].successful
     held.go.set()
     thread.join(60.0)
-    assert not answers[0].success and "was changed meanwhile" in answers[0].message
+    assert not answers[0].success and "has changed meanwhile" in answers[0].message
     assert update(held, 3.0).threshold == 9.0
 
 
@@ -254,10 +255,10 @@ def test_an_error_that_nobody_expected_ends_the_node(held, monkeypatch):
     def broken(*args):
         raise error
 
-    monkeypatch.setattr(tuner, "work", broken)
+    monkeypatch.setattr(tuner, "tune_window", broken)
     held.points.send(sweep(1.0))
     update(held, 2.0)
-    assert held.tuner.ask(print) == ""
+    assert held.tuner.request(print) == ""
     held.tuner.join(60.0)
     assert held.ended == [error]
     held.ended.clear()  # for the fixture, which expects none
@@ -272,7 +273,7 @@ class Tunings:
     def __init__(self, monkeypatch, seconds):
         self.now, self.seconds, self.ended = 100.0, seconds, []
         monkeypatch.setattr(limits, "time", SimpleNamespace(monotonic=lambda: self.now))
-        monkeypatch.setattr(tuner, "work", self._work)
+        monkeypatch.setattr(tuner, "tune_window", self._work)
         self.tuner = Tuner(lambda _: None, print)
 
     def _work(self, found, config):
@@ -284,15 +285,14 @@ class Tunings:
         """An update every second, of the clock and of the sensor."""
         while self.now < until:
             found = random_records.segmentation(points=120, end_ns=round(self.now * SECOND))
-            self.tuner.look(found, Config(), period)
+            self.tuner.observe(found, Config(), period)
             self.rest()
             self.now = math.floor(self.now) + 1.0
 
     def rest(self):
         """Wait until it does nothing."""
-        while self.tuner._busy:
-            assert self.tuner.is_alive()
-            time.sleep(0.0005)  # it tells nobody that it rests
+        with self.tuner._changed:
+            assert self.tuner._changed.wait_for(lambda: not self.tuner._busy, 60.0)
 
     def __enter__(self):
         self.tuner.start()
@@ -306,7 +306,7 @@ class Tunings:
 def test_however_short_the_period_tunings_have_a_share_of_the_time(monkeypatch):
     with Tunings(monkeypatch, 3.0) as tunings:
         tunings.drive(700.0, 0.001)
-    share, burst = tuner.TUNINGS
+    share, burst = tuner.TUNING_SHARE
     assert 3.0 * len(tunings.ended) == pytest.approx(share * 600.0 + burst, rel=0.03)
 
 
@@ -319,12 +319,12 @@ def test_a_period_of_tens_of_seconds_is_kept(monkeypatch):
 def test_what_is_asked_for_and_what_it_does_by_itself_have_one_share(monkeypatch):
     with Tunings(monkeypatch, 25.0) as tunings:
         tunings.drive(102.0, 30.0)
-        assert tunings.tuner.ask(lambda _: None) == ""
+        assert tunings.tuner.request(lambda _: None) == ""
         tunings.rest()
-        assert "too many tunings; call again in 16.7 s" in tunings.tuner.ask(print)
+        assert "too many tunings; call again in 16.7 s" in tunings.tuner.request(print)
         tunings.drive(160.0, 30.0)
         assert tunings.ended == [101.0, 144.0]  # not at 130 s
-        assert "too many tunings" in tunings.tuner.ask(print)
+        assert "too many tunings" in tunings.tuner.request(print)
 
 
 @pytest.mark.parametrize("niceness", [0, 19])
@@ -339,14 +339,14 @@ def test_its_priority_is_low_and_never_raised(monkeypatch, niceness):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), max(present, niceness))
         thread.start()  # it begins with the priority of who starts it
 
-    monkeypatch.setattr(tuner, "work", work)
+    monkeypatch.setattr(tuner, "tune_window", work)
     thread = Tuner(print, print)
     starter = Thread(target=started_nicely)
     starter.start()
     starter.join(60.0)
-    thread.look(random_records.segmentation(), Config(), 0.0)
-    assert thread.ask(lambda _: None) == ""
-    assert seen.get(timeout=60.0) == max(present, niceness, tuner.NICE)
+    thread.observe(random_records.segmentation(), Config(), 0.0)
+    assert thread.request(lambda _: None) == ""
+    assert seen.get(timeout=60.0) == max(present, niceness, tuner.NICENESS)
     thread.close()
     thread.join(60.0)
 
@@ -363,14 +363,14 @@ def test_where_priorities_are_forbidden_it_tunes_all_the_same(monkeypatch):
 
 def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
     ended = Queue()
-    monkeypatch.setattr(tuner, "work", lambda found, config: Tuned(found, config, None))
-    thread = Tuner(lambda tuned: ended.put(tuned.found.end_ns // SECOND), print)
+    monkeypatch.setattr(tuner, "tune_window", lambda found, config: Tuned(found, config, None))
+    thread = Tuner(lambda tuned: ended.put(tuned.window.end_ns // SECOND), print)
     thread.start()
     heard = []
     for second in range(20):
         restart = "a jump" if second == 8 else ""
         found = random_records.segmentation(end_ns=second * SECOND, restart=restart)
-        thread.look(found, Config(), 3.0 if second < 15 else 0.0)
+        thread.observe(found, Config(), 3.0 if second < 15 else 0.0)
         if second in (3, 6, 11, 14):
             heard.append(ended.get(timeout=60.0))
     thread.close()
@@ -380,6 +380,6 @@ def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
 
 def test_a_reset_takes_the_window_away():
     thread = Tuner(print, print)
-    thread.look(random_records.segmentation(), Config(), 0.0)
-    thread.forget()
-    assert "no window" in thread.ask(print)
+    thread.observe(random_records.segmentation(), Config(), 0.0)
+    thread.reset()
+    assert "no window" in thread.request(print)

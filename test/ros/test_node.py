@@ -24,6 +24,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
+from ellipseg_ros.io.topics import ELLIPSOIDS
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.ros.process import Spinner
@@ -75,7 +76,7 @@ def replayed(domain, drive, tmp_path_factory):
         markers = me.listen(MarkerArray, "/car_1/ellipsoids")
         me.speak(PointCloud2, "/car_1/cloud_registered")  # waits until the node is ready
         markers.wait_for(1)  # of its greeting: it knows of us
-        options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, patience=60.0)
+        options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, update_timeout=60.0)
         with Replayer(drive, options, ["--ros-args", *names], domain) as replayer:
             summary = replayer.run()
         for inbox in (segments, clouds, markers):
@@ -142,7 +143,7 @@ def test_markers_are_all_deleted_at_a_restart_and_at_the_end(replayed, offline):
 
 
 def test_restarts_are_said_once_each_with_the_reason(replayed):
-    assert replayed.said.count("begins anew") == 2
+    assert replayed.said.count("the window restarts") == 2
     assert "the stamps jumped back by 3.900 s" in replayed.said
     assert "the frame changed from 'odom' to 'map'" in replayed.said
 
@@ -314,7 +315,7 @@ def test_reset_empties_the_window_and_ids_go_on(node, start):
     send(node, start, start + 1.0)
     before = update(node, start + 1.0)
     heard = len(node.markers.messages)
-    assert "ids go on" in node.me.call(Trigger, f"{NODE}/reset").message
+    assert "ids are not reused" in node.me.call(Trigger, f"{NODE}/reset").message
     node.markers.wait(lambda m: actions(m) == [Marker.DELETEALL], start=heard)
     send(node, start + 2.0, start + 3.0)
     after = update(node, start + 3.0)
@@ -379,7 +380,7 @@ def test_diagnostics_tell_how_it_goes(node, start):
     assert told["points isolated"] == str(found.isolated)
     assert told["segments"] == str(len(found.segments))
     assert (told["criterion"], told["threshold"]) == ("shape", f"{Config().tau:g}")
-    assert told["updates waiting"] == "0"
+    assert told["updates in backlog"] == "0"
     for name in ("latency", "processing"):
         assert 0.0 < float(told[f"{name} median [s]"]) <= float(told[f"{name} p99 [s]"])
     assert float(told["latency median [s]"]) > float(told["processing median [s]"])
@@ -466,10 +467,10 @@ def test_clouds_that_a_full_queue_has_dropped_are_counted(inside, domain):
     assert lost > 0
 
 
-@pytest.mark.parametrize("late", ["_worker._segmenter.process", "_outputs._markers.update"])
-def test_an_update_that_is_late_for_the_farewell_brings_no_markers_back(
-    late, inside, domain, monkeypatch
-):
+@pytest.mark.parametrize(
+    "late", ["_worker._segmenter.process", "_outputs._messages.markers.update"]
+)
+def test_update_finished_after_shutdown_publishes_no_markers(late, inside, domain, monkeypatch):
     *path, name = late.split(".")
     owner = reduce(getattr, path, inside)
     begun, may_end, work = Event(), Event(), getattr(owner, name)
@@ -493,7 +494,7 @@ def test_an_update_that_is_late_for_the_farewell_brings_no_markers_back(
         assert not inside.close()
         may_end.set()
         inside._worker.join(LIMIT)
-        inside._outputs._ellipsoids.publish(MarkerArray())  # the last, which is no farewell
+        inside._outputs._publishers[ELLIPSOIDS].publish(MarkerArray())  # the last
         markers.wait(lambda message: not message.markers)
     drawn = [actions(message) for message in markers.messages]
     assert [Marker.DELETEALL] in drawn and not any(Marker.ADD in one for one in drawn)
@@ -501,11 +502,11 @@ def test_an_update_that_is_late_for_the_farewell_brings_no_markers_back(
 
 
 def test_a_tuner_that_ends_a_moment_later_has_ended(inside, monkeypatch):
-    tuner, farewell = inside._tuning.tuner, inside._outputs.farewell
+    tuner, close_outputs = inside._tuning.tuner, inside._outputs.close
     close = tuner.close
     monkeypatch.setattr(tuner, "close", lambda: None)
     late = Timer(0.02, close)
-    monkeypatch.setattr(inside._outputs, "farewell", lambda: (farewell(), late.start()))
+    monkeypatch.setattr(inside._outputs, "close", lambda: (close_outputs(), late.start()))
     assert inside.close()
     monkeypatch.undo()
 

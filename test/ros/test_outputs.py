@@ -1,4 +1,4 @@
-"""What goes out on `segments` for somebody who comes late, without DDS."""
+"""Messages of `segments` for late subscribers, without DDS."""
 
 from types import SimpleNamespace
 
@@ -9,6 +9,7 @@ from rclpy.serialization import deserialize_message
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.segment_mirror import SegmentMirror
+from ellipseg_ros.io.topics import SEGMENTS
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.outputs import Outputs
@@ -21,7 +22,7 @@ EVERYTHING = NodeConfig(full_segments_period=0.0)
 class Publisher:
     """Keeps what is published, which only `segments` has a subscriber for."""
 
-    def __init__(self, kind, topic, depth, event_callbacks=None):
+    def __init__(self, kind, topic, qos, event_callbacks=None):
         self.topic = topic
         self.sent = []
 
@@ -34,7 +35,7 @@ class Publisher:
 
 @pytest.fixture
 def outputs():
-    return Outputs(SimpleNamespace(create_publisher=Publisher), lambda: None, lambda: None)
+    return Outputs(SimpleNamespace(create_publisher=Publisher), lambda topic: None)
 
 
 @pytest.fixture(scope="module")
@@ -48,44 +49,44 @@ def updates():
 
 
 def sent(outputs):
-    return outputs._segments.sent
+    return outputs._publishers[SEGMENTS].sent
 
 
 @pytest.mark.parametrize("joined", range(1, 6))
-def test_who_comes_between_any_two_updates_is_in_step_at_once(outputs, updates, joined):
+def test_late_subscriber_syncs_immediately(outputs, updates, joined):
     for found in updates[:joined]:
         outputs.publish(found, CHANGES)
     before = len(sent(outputs))
-    outputs.list_all()
+    outputs.resend(SEGMENTS)
     for found in updates[joined:]:
         outputs.publish(found, CHANGES)
     assert sent(outputs)[before] == write_segments(updates[joined - 1])
-    for first in (0, before):  # who listens from the beginning, and who comes late
+    for first in (0, before):  # an early and a late subscriber
         mirror = SegmentMirror()
         for data in sent(outputs)[first:]:
             assert mirror.update(deserialize_message(data, SegmentArray))
 
 
-def test_the_first_update_after_the_period_is_set_lists_everything(outputs, updates):
+def test_first_update_after_setting_the_period_is_full(outputs, updates):
     outputs.publish(updates[0], EVERYTHING)
-    outputs.list_all()
+    outputs.resend(SEGMENTS)
     assert len(sent(outputs)) == 1
     outputs.publish(updates[1], CHANGES)
     assert sent(outputs)[1] == write_segments(updates[1])
-    outputs.list_all()
+    outputs.resend(SEGMENTS)
     assert sent(outputs)[2] == sent(outputs)[1]
 
 
-def test_where_all_messages_list_everything_none_comes_twice(outputs, updates):
+def test_full_messages_are_not_resent(outputs, updates):
     for found in updates:
         outputs.publish(found, EVERYTHING)
-        outputs.list_all()
+        outputs.resend(SEGMENTS)
     assert sent(outputs) == [write_segments(found) for found in updates]
 
 
-def test_without_a_window_there_is_nothing_to_tell(outputs, updates):
-    outputs.list_all()
+def test_without_a_window_nothing_is_resent(outputs, updates):
+    outputs.resend(SEGMENTS)
     outputs.publish(updates[0], CHANGES)
     outputs.clear()
-    outputs.list_all()
+    outputs.resend(SEGMENTS)
     assert len(sent(outputs)) == 1

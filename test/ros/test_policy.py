@@ -89,7 +89,7 @@ def test_an_operator_hears_and_calls_all_of_them(session_ros_domain):
 def test_the_doctor_may_be_an_operator(session_ros_domain):
     _, operator = allowed("operator")
     with GraphProbe("", "/") as observer:
-        observer.observe(0.1)
+        observer.probe(0.1)
         found = done(observer.node, observer.node.get_name())
     for right, names in found.items():
         for name in names:

@@ -84,7 +84,7 @@ def test_a_bag_that_is_damaged_further_on_is_one_line_and_exit_code_2(domain, tm
         good = bytes(write_sweep(wall(1.0)))
         for stamp, data in enumerate((good, good, good[:100])):
             writer.write(points, stamp, data)
-    arguments = settings(source=bag, wait="false", rate=0)
+    arguments = settings(source=bag, wait_for_subscriber="false", rate=0)
     with running("replayer", arguments, tmp_path / "log") as process:
         assert process.wait() == 2
         assert "Traceback" not in process.said

@@ -10,9 +10,10 @@ import pytest
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.io.bag import TYPES, node_types
+from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import labelled_fields
+from ellipseg_ros.io.topics import SEGMENTS
 from ellipseg_ros.node.memory import state_bytes
 from ellipseg_ros.records import SECOND
 from ellipseg_ros.segmenter import Segmenter
@@ -75,7 +76,7 @@ def batch():
 def published(update):
     """The SegmentArray and the point fields of an update."""
     data = write_segments(update)
-    return node_types().deserialize_cdr(data, TYPES["/segments"]), labelled_fields(update)
+    return node_types().deserialize_cdr(data, SEGMENTS.type), labelled_fields(update)
 
 
 def test_an_update_with_other_ids_equals_batch(batch):
@@ -111,8 +112,8 @@ def test_an_update_with_any_other_difference_does_not_equal_batch(batch, change)
 
 
 def reports(*rows):
-    """Diagnostics of clouds received, updates, updates waiting, and s of the running update."""
-    names = ("clouds received", "updates", "updates waiting", "update under way for [s]")
+    """Diagnostics of clouds received, updates, updates in backlog, and s of the running update."""
+    names = ("clouds received", "updates", "updates in backlog", "current update duration [s]")
     constant = dict.fromkeys(COUNTS, "0")
     values = iter(
         [

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from ellipseg_ros.ros.segmenter_node import RESETS
+from ellipseg_ros.ros.segmenter_node import RESET_QUOTA
 from ellipseg_ros.simulation.simulator import simulate
 from studies.endurance.hostile_clients import (
     Calls,
@@ -29,7 +29,7 @@ def test_a_flood_is_answered_and_the_node_continues():
     assert calls["set_parameters"].granted == 0
     assert calls["tune"].granted < calls["tune"].sent
     # All resets of a minute are used at the start, before the drive, and then the window fills.
-    assert calls["reset"].granted == RESETS[0]
+    assert calls["reset"].granted == RESET_QUOTA[0]
     assert drive.points[-1] > sum(map(len, simulate("industrial", duration=5.0, seed=1))) / 2
 
 

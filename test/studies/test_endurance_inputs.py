@@ -40,7 +40,7 @@ def test_a_node_that_receives_nothing_after_garbage_does_not_meet_the_requiremen
 
 
 def test_a_large_cloud_with_other_counts_does_not_meet_the_requirement(live):
-    report = live.large_report | {"points expired early": "7"}
+    report = live.large_report | {"points evicted": "7"}
     assert not live_requirements(replace(live, large_report=report), CASES, LARGE)[2].met
 
 

@@ -22,8 +22,13 @@ WINDOW = replace(QUICK, window_s=10.0)
 def measured(factor=4, peak_mb=500.0, early=9, groups=40, **counts):
     """A run with an update per second, of which the second half is calm."""
     stamp = np.arange(40.0)
-    report = {"clouds received": 400, "clouds lost by DDS": 0, "updates": 30, "updates joined": 10}
-    report |= {"updates given up": 0, "points expired early": early}
+    report = {
+        "clouds received": 400,
+        "clouds lost by DDS": 0,
+        "updates": 30,
+        "updates coalesced": 10,
+    }
+    report |= {"updates dropped": 0, "points evicted": early}
     texts = {name: f"{count}" for name, count in (report | counts).items()}
     return Case(factor, 1e5, stamp, 0 * stamp, 0 * stamp, 20.0, 400, groups, texts, peak_mb)
 
@@ -85,9 +90,9 @@ def test_an_update_that_dds_sends_again_is_not_stale(late, met):
     ("counts", "met"),
     [
         ({}, True),
-        ({"updates": 29, "updates given up": 1}, True),
+        ({"updates": 29, "updates dropped": 1}, True),
         ({"updates": 29}, False),
-        ({"updates joined": 11}, False),
+        ({"updates coalesced": 11}, False),
         ({"clouds received": 399}, False),
         ({"clouds received": 399, "clouds lost by DDS": 1, "updates": 29}, True),
     ],

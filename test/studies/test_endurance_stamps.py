@@ -31,8 +31,8 @@ def record(updates):
             "/segments": [bytes(write_segments(update)) for update in updates],
             "/segmented_points": [bytes(write_labelled(update)) for update in updates],
         },
-        {"restarts": str(len(reasons)), "gaps in the stamps": str(GAPS), "clouds rejected": "0"},
-        "".join(f"[WARN] the window begins anew: {reason}\n" for reason in reasons),
+        {"restarts": str(len(reasons)), "stamp gaps": str(GAPS), "clouds rejected": "0"},
+        "".join(f"[WARN] the window restarts: {reason}\n" for reason in reasons),
     )
 
 
@@ -51,7 +51,7 @@ def test_a_changed_byte_and_a_missing_message_are_differences(record, updates):
 
 def test_wrong_counts_and_log_lines_are_reported(record, updates):
     record.report["restarts"] = "0"
-    record.log += "the window begins anew: again\n"
+    record.log += "the window restarts: again\n"
     count = sum(bool(update.restart) for update in updates)
     assert misreported(record, updates, GAPS) == [
         f"restarts 0, not {count}",

@@ -13,7 +13,7 @@ import numpy as np
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.formats.common import damaged, table
-from ellipseg_ros.io.limits import LAST_STAMP
+from ellipseg_ros.io.limits import MAX_STAMP_S
 from ellipseg_ros.io.pointcloud2 import append_fields, labelled_fields
 from ellipseg_ros.records import SECOND, Array, Segmentation
 
@@ -37,9 +37,9 @@ def read(path: Path) -> Array:
     count = len(arrays["x"])
     if "t" in arrays:
         arrays["t"] = arrays["t"].astype(np.float64)
-        if not (np.abs(arrays["t"]) <= LAST_STAMP).all():
+        if not (np.abs(arrays["t"]) <= MAX_STAMP_S).all():
             raise InputError(
-                f"t holds NaN, Inf or more than {LAST_STAMP}; it must be seconds, for every point",
+                f"t holds NaN, Inf or more than {MAX_STAMP_S}; it must be seconds of each point",
                 "times",
             )
     columns = {n: a for n, a in arrays.items() if a.ndim in (1, 2) and len(a) == count}

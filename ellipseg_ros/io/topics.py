@@ -1,0 +1,77 @@
+"""Topics and services of the nodes: the one place for names, types, QoS and who uses them.
+
+The nodes, bags, the recorder, the doctor, the import check and the security policy read these
+tables. A new topic is a new row here and the code that fills its messages.
+"""
+
+from typing import NamedTuple
+
+SEGMENTER, ASSOCIATOR, REPLAYER = "ellipseg_segmenter", "ellipseg_associator", "ellipseg_replayer"
+NODES = (SEGMENTER, ASSOCIATOR, REPLAYER)
+
+
+class Topic(NamedTuple):
+    """One topic; all are reliable."""
+
+    name: str  # in the namespace of the node; with a leading slash: absolute
+    type: str
+    publishers: tuple[str, ...]  # nodes of this package
+    subscribers: tuple[str, ...] = ()  # likewise
+    depth: int = 10  # messages kept for a slow subscriber
+    latched: bool = False  # late subscribers get the last message (durability transient local)
+    in_bag: bool = False  # part of recordings; header first, apart from markers
+
+
+class Service(NamedTuple):
+    """One service; parameter services come in addition."""
+
+    name: str
+    type: str
+    node: str
+
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+TRIGGER = "std_srvs/srv/Trigger"
+
+# The segmenter's subscription has the depth and reliability of its parameters input_*.
+POINTS = Topic("points", CLOUD, (REPLAYER,), (SEGMENTER,), depth=1000, in_bag=True)
+SEGMENTED_POINTS = Topic("segmented_points", CLOUD, (SEGMENTER,), in_bag=True)
+ELLIPSOIDS = Topic("ellipsoids", MARKERS, (SEGMENTER,), in_bag=True)
+LANDMARKS = Topic(
+    "landmarks", "ellipseg_ros/msg/LandmarkArray", (SEGMENTER,), (ASSOCIATOR,), in_bag=True
+)
+SEGMENTS = Topic(
+    "segments", "ellipseg_ros/msg/SegmentArray", (SEGMENTER,), (REPLAYER,), in_bag=True
+)
+TUNING_CURVE = Topic(
+    "tuning_curve", "ellipseg_ros/msg/TuningCurve", (SEGMENTER,), depth=1, latched=True
+)
+ASSOCIATIONS = Topic("associations", "ellipseg_ros/msg/Association", (ASSOCIATOR,))
+ASSOCIATION_MARKERS = Topic("association_markers", MARKERS, (ASSOCIATOR,))
+DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", (SEGMENTER, ASSOCIATOR))
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", (REPLAYER,), (SEGMENTER, ASSOCIATOR))
+TOPICS = (
+    POINTS,
+    SEGMENTED_POINTS,
+    ELLIPSOIDS,
+    LANDMARKS,
+    SEGMENTS,
+    TUNING_CURVE,
+    ASSOCIATIONS,
+    ASSOCIATION_MARKERS,
+    DIAGNOSTICS,
+    CLOCK,
+)
+
+RESET = Service("~/reset", TRIGGER, SEGMENTER)
+TUNE = Service("~/tune", TRIGGER, SEGMENTER)
+SAVE = Service("~/save", TRIGGER, ASSOCIATOR)
+LOAD = Service("~/load", TRIGGER, ASSOCIATOR)
+CLEAR = Service("~/clear", TRIGGER, ASSOCIATOR)
+PAUSE = Service("~/pause", "std_srvs/srv/SetBool", REPLAYER)
+SERVICES = (RESET, TUNE, SAVE, LOAD, CLEAR, PAUSE)
+
+# What the segmenter publishes of every update.
+UPDATE_TOPICS = tuple(topic for topic in TOPICS if topic.in_bag and SEGMENTER in topic.publishers)
+BAG_TOPICS = {f"/{topic.name}": topic for topic in TOPICS if topic.in_bag}  # by name in a bag
