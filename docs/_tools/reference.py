@@ -18,7 +18,7 @@ import ellipseg_ros
 from ellipseg_ros.cli.parser import build_parser
 from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
 from ellipseg_ros.node.playback import ReplayOptions
-from ellipseg_ros.ros.replayer import Place
+from ellipseg_ros.ros.replayer import ReplaySource
 from ellipseg_ros.settings import Checked, iterate_settings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,7 +67,7 @@ def parameters() -> str:
     sections = [
         ("Segmenter", (Config(), NodeConfig())),
         ("Associator", (AssociationConfig(), MapConfig(), AssociatorConfig())),
-        ("Replayer", (ReplayOptions(), Place())),
+        ("Replayer", (ReplayOptions(), ReplaySource())),
     ]
     parts = [f"## {title}\n\n{parameter_table(records)}" for title, records in sections]
     return "\n\n".join(["# Parameters", PARAMETERS.strip(), *parts])

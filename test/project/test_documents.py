@@ -100,7 +100,7 @@ def matches(text: str, phrase: str) -> bool:
 
 
 def diagnostic_texts(path: Path) -> list[str]:
-    """The texts that a module returns beside a level or appends to the warnings."""
+    """The texts that a module returns beside a level, or adds to the warnings."""
     texts = []
     for node in ast.walk(parse(path)):
         values: list[ast.expr] = []
@@ -115,6 +115,8 @@ def diagnostic_texts(path: Path) -> list[str]:
             ]
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("warnings.append"):
             values = node.args
+        elif isinstance(node, ast.Yield) and node.value is not None:
+            values = [node.value]
         for value in values:
             text = "".join(part for part in constants(value))
             if " " in text or text == "segmenting":

@@ -32,13 +32,13 @@ LOG_LEVELS = {"info", "warning", "warn", "error", "fatal"}
 # Unthrottled log lines, as (file, function), with the reason why they are rare.
 RARE = {
     ("associator_node.py", "_start"): "once, when ready",
-    ("live_tuning.py", "_carry_out"): "once per tuning, which are limited",
-    ("parameters.py", "_take_given"): "once, at the start",
-    ("process.py", "_failed"): "once, at the end",
+    ("live_tuning.py", "_apply"): "once per tuning, which are limited",
+    ("parameters.py", "_initial_values"): "once, at the start",
+    ("process.py", "_report"): "once, at the end",
     ("replayer.py", "_play"): "once, at the end",
-    ("segmenter_node.py", "_look_at_frame"): "for the first ten frames",
+    ("segmenter_node.py", "_check_frame"): "for the first ten frames",
     ("segmenter_node.py", "_subscribe"): "once, when ready",
-    ("worker.py", "_tell_restart"): "has a quota",
+    ("worker.py", "_update"): "has a quota",
     ("worker.py", "run"): "once, at the start",
 }
 
