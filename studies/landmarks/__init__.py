@@ -1,1 +1,1 @@
-"""Two passes over one simulated scene: what of the first is found again in the second."""
+"""Repeatability and association of landmarks over two drives through a simulated scene."""

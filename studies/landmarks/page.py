@@ -1,119 +1,139 @@
-"""The results as text: repeatability of landmarks, and of what else could be one."""
-
-from typing import Any
+"""Results as a page: repeatability, honesty of covariances, association."""
 
 import numpy as np
 
-from studies.landmarks.recognition_page import recognition_blocks
-from studies.landmarks.study import Results, chosen, mean_error, share
-from studies.report.markdown import machine_line, table
+from studies.landmarks.association_page import association_section
+from studies.landmarks.candidates import OURS
+from studies.landmarks.passes import DIRECTIONS
+from studies.landmarks.study import (
+    Results,
+    compared_runs,
+    error_summary,
+    methods_of,
+    repeated_shares,
+    runs_with,
+)
+from studies.report.page import Page, Section, Table
 
 KINDS = ("plane", "line", "blob")
 
-INTRODUCTION = """# Landmarks found again
-
-<!-- written by `ellipseg evaluate association` -->
-
-Two drives along the same 75 m of a simulated scene: the second one is faster, 0.7 m beside the
-track of the first, has another noise and another drift, and goes the same way or the opposite one.
-Each drive is one window. What is found in one is looked for in the other, under the true motion:
-that which brings the drifted points of either drive nearest to where they truly are. What drift
-bends within a drive stays in. A landmark is *repeated* if the other pass has one of its kind that
-agrees in what its shape determines:
-
-- planes: offsets within 5 cm where their boxes overlap, normals within 1.5 degrees;
-- lines: 10 cm and 3 degrees;
-- blobs: centres within 0.3 m.
-
-It is *seen* if the other pass has seen what is there: half of its points have a point of the other
-pass within 0.3 m, and there are at least 40 of those, or as many as it has. The scanner sees
-what is ahead, so that at the ends of the road the way back sees other things. Both passes are
-asked. Repeatability is the share of the repeated ones, of those seen and of all.
-"""
-
-
-def blocks(results: Results) -> list[str]:
-    """The tables, each with a line before it."""
-    repeated = [*_ours(results), *_others(results), *_errors(results)]
-    return [*repeated, *recognition_blocks(results)]
+INTRODUCTION = (
+    "How many of the landmarks of one drive another drive finds again, and how well `associate` "
+    "matches them. Two drives go along the same 75 m of a simulated scene: the second one is "
+    "faster, 0.7 m beside the track of the first, has other noise and another drift, and goes in "
+    "the same or the opposite direction. Each drive is one window.",
+)
+DEFINITIONS = (
+    "A landmark is *repeated* if the other drive has one of its kind that agrees in what its "
+    "shape determines, under the true transform between the drives:",
+    """- planes: offsets within 5 cm where their boxes overlap, normals within 1.5 degrees;
+- lines: offsets within 10 cm, directions within 3 degrees;
+- blobs: centres within 0.3 m.""",
+    "The true transform is the rigid motion that brings the drifted points of each drive nearest "
+    "to their true places; what drift bends within a drive stays in. A landmark is *visible* if "
+    "half of its points have a point of the other drive within 0.3 m, and if at least 40 of these "
+    "are there, or as many as the landmark has. The scanner looks ahead, so that a drive in the "
+    "opposite direction sees other surfaces at the ends of the road. *Repeatability* is the share "
+    "of the repeated landmarks among the visible ones and among all, over both drives.",
+)
 
 
-def page(results: Results) -> str:
-    """The whole page."""
-    return "\n".join([INTRODUCTION, *blocks(results), machine_line(results["machine"])])
+def page(results: Results) -> Page:
+    """The page landmarks.md."""
+    sections = [_repeatability(results), *_candidates(results), _covariances(results)]
+    return Page(
+        name="landmarks",
+        title="Repeatability and association of landmarks",
+        introduction=INTRODUCTION,
+        sections=[*sections, *association_section(results)],
+        command="python -m studies.landmarks -o docs/results    # 1 h",
+        method=DEFINITIONS,
+        machine=results["machine"],
+        chart="Repeatability of landmarks and of other candidates",
+    )
 
 
-def spread(values: list[float], digits: int = 2) -> str:
-    """Mean, and least to greatest."""
+def mean_and_range(values: list[float], digits: int = 2) -> str:
+    """Mean, minimum and maximum; a dash if there are no values."""
     if not values:
         return "-"
-    low, middle, high = min(values), float(np.mean(values)), max(values)
-    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+    low, mean, high = min(values), float(np.mean(values)), max(values)
+    return f"{mean:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
-def _ours(results: Results) -> list[str]:
-    head = ["scene", "way", "landmarks a window", "repeated, of seen", "of all", *KINDS]
+def _repeatability(results: Results) -> Section:
+    head = ["scene", "direction", "landmarks", "repeated of visible", "repeated of all", *KINDS]
     rows = []
     for scene in results["scenes"]:
-        for way in ("same", "opposite"):
-            runs = chosen(results, scene=scene, direction=way, method="landmarks")
+        for direction in DIRECTIONS:
+            runs = runs_with(results["runs"], scene=scene, direction=direction, method=OURS.name)
             counts = [float(n) for run in runs for n in run["landmarks"]]
-            kinds = [_kind(runs, kind) for kind in KINDS]
-            shares = [spread(share(runs, "all", of)) for of in ("seen", "landmarks")]
-            rows.append([scene, way, spread(counts, 0), *shares, *kinds])
+            shares = [
+                mean_and_range(repeated_shares(runs, "all", among))
+                for among in ("visible", "landmarks")
+            ]
+            kinds = [
+                f"{share} of {visible}" if share else "-"
+                for share, visible in (_of_kind(runs, kind) for kind in KINDS)
+            ]
+            rows.append([scene, direction, mean_and_range(counts, 0), *shares, *kinds])
     text = (
-        f"## Landmarks of this package\n\nMean over {len(results['seeds'])} seeds (least to "
-        "greatest); of the kinds, the share repeated of those seen, and how many these were a "
-        "window.\n"
+        f"Mean over {len(results['seeds'])} seeds (minimum to maximum) of landmarks per window "
+        "and repeatability; by kind, the share repeated of the visible landmarks, and their "
+        "number per window."
     )
-    return [text, table(head, rows)]
+    return Section("Landmarks of this package", [text, Table(head, rows)])
 
 
-def _kind(runs: list[Results], kind: str) -> str:
-    seen, again = (sum(run["asked"][kind][k] for run in runs) for k in ("seen", "seen_again"))
-    return f"{again / seen:.2f} of {seen / (2 * len(runs)):.1f}" if seen else "-"
+def _of_kind(runs: list[Results], kind: str) -> tuple[str, str]:
+    """Share repeated of the visible landmarks, and their number per window; or empty texts."""
+    counts = [run["counts"][kind] for run in runs]
+    visible, repeated = (sum(c[k] for c in counts) for k in ("visible", "visible_repeated"))
+    return (
+        (f"{repeated / visible:.2f}", f"{visible / (2 * len(runs)):.1f}") if visible else ("", "")
+    )
 
 
-def _others(results: Results) -> list[str]:
-    few = {run["seed"] for run in results["runs"] if run["method"] != "landmarks"}
-    if not few:
+def _candidates(results: Results) -> list[Section]:
+    """The other candidates for landmarks; no section if they were not tried."""
+    runs = compared_runs(results)
+    if not runs:
         return []
-    runs = [run for run in results["runs"] if run["seed"] in few]
-    names = list(dict.fromkeys(run["method"] for run in runs))
     rows = []
-    for name in names:
-        ours = [run for run in runs if run["method"] == name]
+    for method in methods_of(runs):
+        of_method = runs_with(runs, method=method)
         cells = []
         for scene in results["scenes"]:
-            part = [run for run in ours if run["scene"] == scene]
+            part = runs_with(of_method, scene=scene)
             cells += [f"{np.mean([n for run in part for n in run['landmarks']]):,.0f}"]
-            cells += [f"{np.mean(share(part, 'all')):.2f}"]
-        kinds = [_kind(ours, kind).split(" of ")[0] for kind in KINDS]
-        rows.append([name, *cells, *kinds])
-    head = ["landmarks are"]
+            cells += [f"{np.mean(repeated_shares(part, 'all')):.2f}"]
+        rows.append([method, *cells, *(_of_kind(of_method, kind)[0] or "-" for kind in KINDS)])
+    head = ["candidate"]
     for scene in results["scenes"]:
-        head += [f"{scene}: a window", "repeated, of seen"]
+        head += [f"{scene}: number", "repeated of visible"]
     text = (
-        f"## What else could be a landmark\n\nOn {len(few)} of the seeds, both ways. Ellipsoids, "
-        "and Gaussians of a grid, of 12 points or more are planes, lines or blobs by their shape "
-        "(the greatest of planarity, cylindricality, sphericity), and their boxes reach two "
-        "standard deviations. That something agrees in offset and normal is easy where thousands "
-        "overlap: read the share beside the number.\n"
+        f"On {len({run['seed'] for run in runs})} of the seeds, both directions. Ellipsoids and "
+        "Gaussians of a voxel grid with 12 points or more count as planes, lines or blobs by "
+        "their shape (the greatest of planarity, cylindricality and sphericity), with boxes of "
+        "two standard deviations. Among thousands of overlapping candidates some agree by chance: "
+        "compare the share with the number."
     )
-    return [text, table([*head, *KINDS], rows)]
+    return [Section("Other candidates for landmarks", [text, Table([*head, *KINDS], rows)])]
 
 
-def _errors(results: Results) -> list[str]:
-    rows: list[list[Any]] = []
+def _covariances(results: Results) -> Section:
+    rows = []
     for scene in results["scenes"]:
-        runs = chosen(results, scene=scene, method="landmarks")
+        runs = runs_with(results["runs"], scene=scene, method=OURS.name)
         for kind in KINDS:
-            mean, median, count = mean_error(runs, kind)
-            if count:
-                rows.append([scene, kind, f"{count:,}", f"{mean:.2f}", f"{median:.2f}"])
+            errors = error_summary(runs, kind)
+            if errors is not None:
+                numbers = [f"{errors.pairs:,}", f"{errors.mean:.2f}", f"{errors.median:.2f}"]
+                rows.append([scene, kind, *numbers])
     text = (
-        "## Are the covariances honest?\n\nNormalised error squared of the pairs that agree: the "
-        "squared Mahalanobis distance by the number of what is determined. Its mean is 1 if the "
-        "covariances are right, less if they are too large.\n"
+        "Normalised squared errors of the agreeing pairs: the squared Mahalanobis distance "
+        "divided by the number of determined motions. The mean is 1 if the covariances are right, "
+        "and less if they are too large."
     )
-    return [text, table(["scene", "kind", "pairs", "mean", "median"], rows)]
+    head = ["scene", "kind", "pairs", "mean", "median"]
+    return Section("Consistency of the covariances", [text, Table(head, rows)])

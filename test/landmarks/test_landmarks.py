@@ -1,6 +1,5 @@
 """What is a landmark, how sure it is, and that it stays the same one."""
 
-import json
 import math
 from dataclasses import replace
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.cli.main import main
 from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
 from ellipseg_ros.core import jit
 from ellipseg_ros.core.members import group_boxes, group_members
@@ -20,9 +18,9 @@ from ellipseg_ros.landmarks.of_segmentation import landmarks
 from ellipseg_ros.records import DETERMINED, SECOND, Kind, Landmarks, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
 from ellipseg_ros.simulation import simulator
-from studies.landmarks.agreement import agreeing, moved
-from studies.landmarks.passes import rigid
-from studies.landmarks.repeatability import Truth, errors
+from studies.landmarks.agreement import agreeing_pairs, transformed
+from studies.landmarks.passes import rigid_transform
+from studies.landmarks.repeatability import normalised_errors
 
 NOISE = 0.015  # m
 
@@ -166,7 +164,7 @@ def test_a_moved_scene_has_moved_landmarks():
     turn[:3, 3] = [5.0, -2.0, 1.0]
     one = segment(points).landmarks
     other = segment(points @ turn[:3, :3].T + turn[:3, 3]).landmarks
-    pairs = agreeing(moved(one, turn), other)
+    pairs = agreeing_pairs(transformed(one, turn), other)
     assert set(pairs.earlier) == set(range(len(one))) == set(pairs.later)
 
 
@@ -366,7 +364,7 @@ def test_a_cylinder_is_fitted_as_a_general_solver_does():
 def test_the_true_motion_is_found():
     rng = np.random.default_rng(19)
     points, turn = rng.normal(size=(50, 3)), Rotation.random(random_state=1).as_matrix()
-    motion = rigid(points, points @ turn.T + [1.0, 2.0, 3.0])
+    motion = rigid_transform(points, points @ turn.T + [1.0, 2.0, 3.0])
     assert np.allclose(motion[:3, :3], turn) and np.allclose(motion[:3, 3], [1.0, 2.0, 3.0])
 
 
@@ -378,7 +376,9 @@ def test_what_agrees_must_be_near_in_what_is_determined_alone():
     def agree(shift):
         motion = np.eye(4)
         motion[:3, 3] = shift
-        return {int(here.kind[row]) for row in agreeing(here, moved(here, motion)).earlier}
+        return {
+            int(here.kind[row]) for row in agreeing_pairs(here, transformed(here, motion)).earlier
+        }
 
     assert agree([0.0, 0.0, 0.0]) == {Kind.PLANE, Kind.LINE, Kind.BLOB}
     assert agree([0.0, 0.0, 1.0]) == {Kind.PLANE, Kind.LINE}  # along both
@@ -387,37 +387,7 @@ def test_what_agrees_must_be_near_in_what_is_determined_alone():
     assert agree([0.0, 20.0, 0.0]) == set()  # beside the wall
 
 
-def test_errors_between_equal_landmarks_are_none():
+def test_normalised_errors_of_equal_landmarks_are_zero():
     here = found_in(wall(np.random.default_rng(21)))
-    what = Truth(here, here, np.eye(4), np.ones((1, 1), bool), np.ones(1, bool), np.ones(1, bool))
-    assert errors(what)["plane"] == [pytest.approx(0.0, abs=1e-6)]
-
-
-def test_the_command_measures_what_it_says(tmp_path, monkeypatch):
-    from studies.landmarks import passes
-
-    short = {"duration": 6.0, "speed": 3.0, "noise_seed": 0}
-    monkeypatch.setattr(passes, "FIRST", short)
-    monkeypatch.setattr("studies.landmarks.study.FIRST", short)
-    second = {"same": short | {"noise_seed": 1}, "opposite": short | {"noise_seed": 2}}
-    monkeypatch.setattr("studies.landmarks.study.SECOND", second)
-    command = ["evaluate", "association", "--scenes", "woodland", "--seeds", "1", "--others", "0"]
-    assert main([*command, "-q", "-o", str(tmp_path)]) == 0
-    results = json.loads((tmp_path / "association.json").read_text())
-    assert [run["direction"] for run in results["runs"]] == ["same", "opposite"]
-    for run in results["runs"]:
-        tally = run["asked"]["all"]
-        assert tally["seen_again"] <= min(tally["seen"], tally["again"])
-        assert tally["landmarks"] == sum(run["landmarks"]) > 10
-        assert tally["seen_again"] > 0.5 * tally["seen"]
-    page = (tmp_path / "association.md").read_text()
-    assert "woodland" in page and (tmp_path / "association.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [(["--scenes", "moon"], "no scene 'moon'"), (["--seeds", "0"], "--seeds is 0; it must be 1")],
-)
-def test_bad_options_are_refused_in_one_line(options, words, capsys):
-    assert main(["evaluate", "association", *options]) == 2
-    assert words in capsys.readouterr().err
+    errors = normalised_errors(here, here, np.eye(4))
+    assert errors["plane"] == [pytest.approx(0.0, abs=1e-6)]
