@@ -1,7 +1,4 @@
-"""The look of all charts: the dark sheet of the pictures.
-
-matplotlib, for the reasons that plots.py gives.
-"""
+"""The style of all charts, with the dark background of the pictures (see window.py)."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +13,7 @@ from ellipseg_ros.plots.window import BACKGROUND, FAINT, INK
 
 
 def sheet(wide: float, tall: float) -> Figure:
-    """An empty figure; inches."""
+    """An empty figure; sizes in inches."""
     return Figure(
         figsize=(wide, tall),
         facecolor=BACKGROUND,
@@ -25,7 +22,7 @@ def sheet(wide: float, tall: float) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as its suffix says; the same figure gives the same bytes."""
+    """Write a figure in the format of the suffix; equal figures give equal bytes."""
     no_date = {"Date": None} if path.suffix == ".svg" else None
     with (
         matplotlib.rc_context({"svg.hashsalt": "ellipseg", "svg.fonttype": "none"}),
@@ -36,7 +33,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def style(axes: Axes) -> None:
-    """Colours, grid, and no lines above and to the right."""
+    """Set colours and grid, and hide the upper and right lines."""
     axes.set_facecolor(BACKGROUND)
     axes.tick_params(colors=INK, which="both", labelsize=10)
     axes.grid(True, color=FAINT, alpha=0.2)
@@ -47,12 +44,12 @@ def style(axes: Axes) -> None:
 
 
 def title(axes: Axes, text: str, below: str = "", left: str = "") -> None:
-    """What the chart shows, and its two axes."""
+    """Set the title and the labels of the two axes."""
     axes.set_title(text, color=INK, loc="left", fontsize=13, pad=12)
     axes.set_xlabel(below, color=INK, fontsize=10)
     axes.set_ylabel(left, color=INK, fontsize=10)
 
 
 def legend(axes: Axes | Figure, **options: Any) -> None:
-    """What the colours mean."""
+    """Add the legend."""
     axes.legend(facecolor=BACKGROUND, edgecolor=FAINT, labelcolor=INK, fontsize=9, **options)

@@ -1,4 +1,4 @@
-"""Charts of a tuning: AICc, its terms and its loss, over the threshold."""
+"""Charts of a tuning: AICc, its terms, and the loss over the threshold."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,16 +12,16 @@ from ellipseg_ros.records import Array
 from ellipseg_ros.tuning.choice import Choice
 from ellipseg_ros.tuning.curve import Curve
 
-# Of Okabe & Ito (2008), who can be told apart with any colour vision.
+# Okabe & Ito (2008): distinguishable with any colour vision.
 BLUE, ORANGE, GREEN, PURPLE, YELLOW = "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442"
 UNITS = {"shape": "", "density": " [m]", "parsimony": ""}
-SHOWN_LOSS = 0.5  # the top of the axis; singletons have 1
+MAX_SHOWN_LOSS = 0.5  # upper end of the axis; singletons have 1
 
 
 def draw_tuning(curves: Sequence[Curve], choice: Choice, paths: Sequence[Path]) -> None:
     """Three panels: the AICc with its terms, the AICc over merge completion, the loss.
 
-    curves: of the windows (at least one), all of one criterion. paths: of the same figure.
+    curves: of the windows (at least one), all of one criterion. paths: files of the figure.
     """
     figure = sheet(19.0, 5.8)
     panels = figure.subplots(1, 3)
@@ -29,13 +29,13 @@ def draw_tuning(curves: Sequence[Curve], choice: Choice, paths: Sequence[Path]) 
         style(axes)
     terms(panels[0], curves, choice)
     completion(panels[1], curves)
-    losses(panels[2], curves, choice)
+    loss_over_threshold(panels[2], curves, choice)
     for path in paths:
         save(figure, path)
 
 
 def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
-    """AICc, variance and bias term of all windows together, over the threshold."""
+    """AICc, variance and bias term over the threshold, summed over the windows."""
     points = max(1, sum(curve.points for curve in curves))
     thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
     thresholds = thresholds[thresholds > 0.0]
@@ -57,12 +57,12 @@ def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
 
 
 def completion(axes: Axes, curves: Sequence[Curve]) -> None:
-    """AICc over merge completion, a line a window, each with its minimum."""
+    """AICc over merge completion: a line per window, each with its minimum."""
     for curve in curves:
-        points = max(1, curve.points)
-        axes.plot(100.0 * curve.completion, curve.aicc / points, color=BLUE, alpha=_faint(curves))
+        aicc = curve.aicc / max(1, curve.points)
+        axes.plot(100.0 * curve.completion, aicc, color=BLUE, alpha=_opacity(curves))
     best = np.array([[c.completion[c.best], c.aicc[c.best] / max(1, c.points)] for c in curves])
-    axes.plot(100.0 * best[:, 0], best[:, 1], "o", color=YELLOW, label="minimum of a window")
+    axes.plot(100.0 * best[:, 0], best[:, 1], "o", color=YELLOW, label="minimum of the window")
     if len(curves) == 1:
         count = curves[0].count[curves[0].best]
         text = f"{count:,} ellipsoids\n{best[0, 0]:.1%} merged"
@@ -72,28 +72,28 @@ def completion(axes: Axes, curves: Sequence[Curve]) -> None:
     legend(axes)
 
 
-def losses(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
-    """The loss over the threshold, a line a window, and their mean, near the minimum."""
+def loss_over_threshold(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
+    """The loss over the threshold near the minimum: a line per window, and their mean."""
     thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
     thresholds = thresholds[thresholds > 0.0]
-    every = np.array([curve.loss_at(thresholds) for curve in curves])
+    losses = np.array([curve.loss_at(thresholds) for curve in curves])
     if len(curves) > 1:
-        lines = axes.plot(thresholds, every.T, color=BLUE, alpha=_faint(curves))
-        lines[0].set_label("a window")
-    mean = every.mean(axis=0)
+        lines = axes.plot(thresholds, losses.T, color=BLUE, alpha=_opacity(curves))
+        lines[0].set_label("window")
+    mean = losses.mean(axis=0)
     axes.plot(
         thresholds, mean, color=INK, linewidth=2, label="mean" if len(curves) > 1 else "loss"
     )
     axes.axvline(
-        choice.present, color=PURPLE, linestyle="--", label=f"set now: {choice.present:g}"
+        choice.present, color=PURPLE, linestyle="--", label=f"present: {choice.present:g}"
     )
     axes.axhline(0.05, color=GREEN, linestyle=":", label="loss 0.05")
     mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
     axes.set_xscale("log")
-    near = thresholds[mean <= SHOWN_LOSS]
+    near = thresholds[mean <= MAX_SHOWN_LOSS]
     axes.set_xlim(near[0] / 1.5, near[-1] * 1.5)
-    axes.set_ylim(-0.02, SHOWN_LOSS)
-    text = "Loss: (AICc − least) / (AICc of singletons − least)"
+    axes.set_ylim(-0.02, MAX_SHOWN_LOSS)
+    text = "Loss: (AICc − minimum) / (AICc of singletons − minimum)"
     title(axes, text, _tau(choice), "loss")
     legend(axes, loc="upper right")
 
@@ -102,8 +102,8 @@ def _tau(choice: Choice) -> str:
     return f"threshold τ of {choice.criterion}{UNITS[choice.criterion]}"
 
 
-def _faint(curves: Sequence[Curve]) -> float:
-    """Many lines must not hide each other."""
+def _opacity(curves: Sequence[Curve]) -> float:
+    """Opacity of a line: the lower, the more there are."""
     return float(np.clip(3.0 / len(curves), 0.15, 0.9))
 
 
@@ -115,7 +115,7 @@ def _over_log(curve: Curve, values: Array) -> tuple[Array, Array]:
 def mark(
     axes: Axes, x: float, y: float, text: str, offset: tuple[float, float] = (0.0, 34.0)
 ) -> None:
-    """A dot with a name beside it (offset, points), in a box that hides the lines behind."""
+    """Mark a point with a text at an offset in points, in a box that hides the lines behind."""
     axes.plot([x], [y], "o", color=YELLOW, markersize=7, zorder=5)
     axes.annotate(
         text,

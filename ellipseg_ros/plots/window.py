@@ -1,10 +1,10 @@
-"""Pictures of a window: its points by segment or object, its ellipsoids; from above or obliquely.
+"""Pictures of a window: points by segment or object, and ellipsoids; from above or obliquely.
 
-matplotlib, as it needs no display and makes the same picture everywhere; its object interface, as
-pyplot would keep a state for the whole process.
+matplotlib needs no display and draws the same picture on every machine. Its object interface is
+used because pyplot keeps global state.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -21,121 +21,120 @@ from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.colours import NO_SEGMENT, id_colours, shape_colours
 from ellipseg_ros.records import ISOLATED, Array, Segmentation
 
-WIDTH, DPI = 1600, 100  # px, 1/inch
+WIDTH, DPI = 1600, 100  # px, px/inch
 HEADER, FOOTER, MARGIN = 84, 120, 24  # px
-TALLEST, FLATTEST = 0.9, 0.3  # of the width: height of the part with the data
-TALLEST_PANEL = 2.0  # of its width, where several stand side by side
+MAX_HEIGHT, MIN_HEIGHT = 0.9, 0.3  # of the part with the data, relative to its width
+MAX_PANEL_HEIGHT = 2.0  # relative to its width, if there are several side by side
 BACKGROUND, INK, FAINT = "#0d1117", "#e6edf3", "#8b949e"
 SIGMAS = 2.0  # half axes of an ellipsoid, in standard deviations
-LEAST = NodeConfig().marker_min_count  # points of an ellipsoid that is drawn, as in RViz
+MIN_COUNT = NodeConfig().marker_min_count  # points of an ellipsoid that is drawn, as in RViz
 
-Box = tuple[float, float, float, float]  # left, bottom, width, height: shares of the sheet
+Box = tuple[float, float, float, float]  # left, bottom, width, height: relative to the figure
 
 
 @dataclass(frozen=True)
 class View:
-    """Where one looks from; the longest side of the window lies across."""
+    """Direction of view; the longest side of the window is horizontal in the picture."""
 
-    turn: float  # degrees about the vertical
-    elevation: float  # degrees above the horizon
+    turn: float  # deg about the vertical
+    elevation: float  # deg above the horizon
 
 
 BIRDSEYE = View(0.0, 90.0)
 OBLIQUE = View(24.0, 32.0)
-UPRIGHT = View(-90.0, 90.0)  # from above, the longest side upright
+UPRIGHT = View(-90.0, 90.0)  # from above, the longest side vertical
 
 
-def draw_segments(found: Segmentation, path: Path, view: View = BIRDSEYE) -> None:
-    """Write a PNG of the points, each in the colour of its segment; grey where it has none."""
-    scene = _scene(found, view)
-    picture = _Picture(scene.flat[scene.shown])
-    colours = id_colours(found.point_ids[scene.shown])
-    _draw_points(picture, picture.axes, scene, colours / 255.0)
-    picture.header("Segments", found, "one colour a segment, grey: none")
-    picture.footer(scene.axes)
+def draw_segments(result: Segmentation, path: Path, view: View = BIRDSEYE) -> None:
+    """Write a PNG of the points in the colours of their segments, grey for none."""
+    projection = _project(result, view)
+    picture = _Picture(projection.flat[projection.shown])
+    colours = id_colours(result.point_ids[projection.shown])
+    _draw_points(picture, picture.axes, projection, colours / 255.0)
+    picture.header("Segments", result, "one colour per segment, grey: none")
+    picture.footer(projection.axes)
     picture.save(path)
 
 
-def draw_ellipsoids(found: Segmentation, path: Path, view: View = BIRDSEYE) -> None:
+def draw_ellipsoids(result: Segmentation, path: Path, view: View = BIRDSEYE) -> None:
     """Write a PNG of the segments as ellipsoids of 2 sigma, coloured by shape (paper, figure 3).
 
     Segments of fewer than 12 points appear as grey points.
     """
-    scene = _scene(found, view)
-    picture = _Picture(scene.flat[scene.shown])
-    big = found.ellipsoids.count >= LEAST
-    rows = np.append(big, False)[np.maximum(found.labels, -1)]
-    small = _Scene(scene.flat, scene.depth, scene.axes, scene.centre, scene.shown & ~rows)
-    _draw_points(
-        picture, picture.axes, small, np.full((int(small.shown.sum()), 3), NO_SEGMENT) / 255.0
-    )
-    _draw_bodies(picture.axes, found, scene, big)
-    note = f"{int(big.sum()):,} of {LEAST} points or more drawn at {SIGMAS:g} sigma"
-    picture.header("Ellipsoids", found, note)
-    picture.footer(scene.axes)
+    projection = _project(result, view)
+    picture = _Picture(projection.flat[projection.shown])
+    big = result.ellipsoids.count >= MIN_COUNT
+    rows = np.append(big, False)[np.maximum(result.labels, -1)]
+    small = replace(projection, shown=projection.shown & ~rows)
+    grey = np.full((int(small.shown.sum()), 3), NO_SEGMENT) / 255.0
+    _draw_points(picture, picture.axes, small, grey)
+    _draw_outlines(picture.axes, result, projection, big)
+    note = f"{int(big.sum()):,} of {MIN_COUNT} points or more drawn at {SIGMAS:g} sigma"
+    picture.header("Ellipsoids", result, note)
+    picture.footer(projection.axes)
     picture.shape_key()
     picture.save(path)
 
 
-def draw_levels(found: Segmentation, path: Path, view: View = UPRIGHT) -> None:
-    """Write a PNG of the same points side by side: by segment, by object, and by truth.
+def draw_levels(result: Segmentation, path: Path, view: View = UPRIGHT) -> None:
+    """Write a PNG of the points by segment, by object and by ground truth, side by side.
 
-    The truth stands where the input has it: fields `instance` (0: none), `class` or `coarse`.
+    The ground truth is taken from the input fields `instance` (0: none), `class` or `coarse`.
     """
-    scene = _scene(found, view)
-    panels = {f"{len(found.ellipsoids):,} ellipsoids": found.point_ids}
-    if found.objects is not None:
-        panels[f"{len(found.objects):,} objects"] = found.point_object_ids
-    truth = _truth(found.fields)
+    projection = _project(result, view)
+    panels = {f"{len(result.ellipsoids):,} ellipsoids": result.point_ids}
+    if result.objects is not None:
+        panels[f"{len(result.objects):,} objects"] = result.point_object_ids
+    truth = _truth(result.fields)
     if truth is not None:
         panels["truth"] = truth
-    picture = _Picture(scene.flat[scene.shown], len(panels))
+    picture = _Picture(projection.flat[projection.shown], len(panels))
     for axes, (title, ids) in zip(picture.panels, panels.items(), strict=True):
-        _draw_points(picture, axes, scene, id_colours(ids[scene.shown]) / 255.0)
+        _draw_points(picture, axes, projection, id_colours(ids[projection.shown]) / 255.0)
         axes.set_title(title, color=INK, size=13)
-    picture.header("Ellipsoids, and objects", found, "one colour each, grey: none")
-    picture.footer(scene.axes)
+    picture.header("Ellipsoids, and objects", result, "one colour per group, grey: none")
+    picture.footer(projection.axes)
     picture.save(path)
 
 
 def _truth(fields: Array | None) -> Array | None:
-    """(n,) numbers of what the points truly belong to: things, else classes; None if not known."""
+    """(n,) ground truth of the points: instance numbers, else classes; None if not known."""
     names = () if fields is None else fields.dtype.names or ()
-    found = None
+    groups = None
     for name in ("class", "coarse"):
-        if fields is not None and name in names and found is None:
-            found = np.maximum(fields[name].astype(np.int64), 0)
+        if fields is not None and name in names and groups is None:
+            groups = np.maximum(fields[name].astype(np.int64), 0)
     if fields is not None and "instance" in names:
-        things = np.maximum(fields["instance"].astype(np.int64), 0)
-        classes = np.zeros_like(things) if found is None else found
-        found = np.where(things > 0, classes.max(initial=0) + things, classes)
-    return found
+        instances = np.maximum(fields["instance"].astype(np.int64), 0)
+        classes = np.zeros_like(instances) if groups is None else groups
+        groups = np.where(instances > 0, classes.max(initial=0) + instances, classes)
+    return groups
 
 
 @dataclass(frozen=True)
-class _Scene:
-    """Points as seen; row i is point i of the window."""
+class _Projection:
+    """The points as seen; row i is point i of the window."""
 
     flat: Array  # (n, 2) m: to the right and up in the picture
-    depth: Array  # (n,) m: towards the eye
-    axes: Array  # (3, 3): rows right, up, towards the eye, in the world
-    centre: Array  # (3,) m: in the middle of the picture
+    depth: Array  # (n,) m: towards the viewer
+    axes: Array  # (3, 3): rows right, up, towards the viewer, in the world
+    centre: Array  # (3,) m: the middle of the picture
     shown: Array  # (n,) bool: all but rejected and thinned points
 
 
-def _scene(found: Segmentation, view: View) -> _Scene:
-    """Turn the points of the window so that the view looks at them."""
-    shown = found.labels >= ISOLATED  # thinned points would hide the others
-    points = found.points[shown]
+def _project(result: Segmentation, view: View) -> _Projection:
+    """Project the points of the window as seen from the view."""
+    shown = result.labels >= ISOLATED  # thinned points would hide segmented ones
+    points = result.points[shown]
     centre = np.median(points, axis=0) if len(points) else np.zeros(3)
     seen = np.zeros((len(shown), 3))
     axes = _view_axes(points - centre, view)
     seen[shown] = (points - centre) @ axes.T
-    return _Scene(seen[:, :2], seen[:, 2], axes, centre, shown)
+    return _Projection(seen[:, :2], seen[:, 2], axes, centre, shown)
 
 
 def _view_axes(points: Array, view: View) -> Array:
-    """Rows right, up, towards the eye: the longest level direction of the points lies across."""
+    """Rows right, up, towards the viewer; the longest horizontal direction is to the right."""
     long = np.array([1.0, 0.0])
     if len(points) > 1:
         inner = np.clip(points[:, :2], *np.percentile(points[:, :2], [2, 98], axis=0))
@@ -148,9 +147,9 @@ def _view_axes(points: Array, view: View) -> Array:
     return np.array([right, np.cross(eye, right), eye])
 
 
-def _draw_points(picture: "_Picture", axes: Axes, scene: _Scene, colours: Array) -> None:
-    """Put the shown points in, the far ones first and darker. colours: (shown, 3) in 0...1."""
-    flat, depth = scene.flat[scene.shown], scene.depth[scene.shown]
+def _draw_points(picture: "_Picture", axes: Axes, projection: _Projection, colours: Array) -> None:
+    """Draw the shown points, distant ones first and darker. colours: (shown, 3) in 0...1."""
+    flat, depth = projection.flat[projection.shown], projection.depth[projection.shown]
     inside = picture.holds(flat)
     flat, depth, colours = flat[inside], depth[inside], colours[inside]
     if not len(flat):
@@ -168,18 +167,19 @@ def _draw_points(picture: "_Picture", axes: Axes, scene: _Scene, colours: Array)
     )
 
 
-def _draw_bodies(axes: Axes, found: Segmentation, scene: _Scene, big: Array) -> None:
-    """Put the ellipsoids in, the far ones first: outlines of 2 sigma with a light from above."""
-    them = found.ellipsoids
-    depth = (them.mean[big] - scene.centre) @ scene.axes[2]
+def _draw_outlines(axes: Axes, result: Segmentation, projection: _Projection, big: Array) -> None:
+    """Draw the ellipsoids of 2 sigma, distant ones first, with light from above."""
+    ellipsoids = result.ellipsoids
+    depth = (ellipsoids.mean[big] - projection.centre) @ projection.axes[2]
     rows = np.flatnonzero(big)[np.argsort(depth, kind="stable")]
-    flat = (them.mean[rows] - scene.centre) @ scene.axes[:2].T
-    shape = them.covariance[rows]
-    spread, turn = np.linalg.eigh(scene.axes[:2] @ shape @ scene.axes[:2].T)
+    flat = (ellipsoids.mean[rows] - projection.centre) @ projection.axes[:2].T
+    shape = ellipsoids.covariance[rows]
+    spread, turn = np.linalg.eigh(projection.axes[:2] @ shape @ projection.axes[:2].T)
     half = SIGMAS * np.sqrt(np.maximum(spread, 1e-6))
-    colours = shape_colours(them.planarity[rows], them.cylindricality[rows], them.sphericity[rows])
+    shares = (ellipsoids.planarity, ellipsoids.cylindricality, ellipsoids.sphericity)
+    colours = shape_colours(*(share[rows] for share in shares))
     angle = np.degrees(np.arctan2(turn[:, 1, 1], turn[:, 0, 1]))
-    # Several discs a body, each smaller, brighter and nearer to the light: it looks round.
+    # Several ellipses each, smaller, brighter and nearer to the light, make it look round.
     light = turn @ (half * np.einsum("sij,i->sj", turn, [-0.5, 0.85]))[:, :, None]
     shrink, shade = np.linspace(1.0, 0.25, 6), np.linspace(0.55, 1.0, 6)
     sizes = 2.0 * half[:, None, :] * shrink[:, None]
@@ -201,9 +201,9 @@ def _draw_bodies(axes: Axes, found: Segmentation, scene: _Scene, big: Array) -> 
 
 
 class _Picture:
-    """A dark sheet: a header, the data at equal scales, a footer that keeps clear of them.
+    """A dark figure: a header, the data at equal scales, a footer.
 
-    panels: how many times the data stand side by side.
+    panels: number of axes for the data, side by side.
     """
 
     def __init__(self, flat: Array, panels: int = 1) -> None:
@@ -211,14 +211,14 @@ class _Picture:
         span = high - low
         self._count = max(1, len(flat))
         wide = (WIDTH - (panels + 1) * MARGIN) // panels
-        tallest = TALLEST if panels == 1 else TALLEST_PANEL
-        tall = round(wide * float(np.clip(span[1] / span[0], FLATTEST, tallest)))
+        tallest = MAX_HEIGHT if panels == 1 else MAX_PANEL_HEIGHT
+        tall = round(wide * float(np.clip(span[1] / span[0], MIN_HEIGHT, tallest)))
         self._area = wide * tall
         titles = 0 if panels == 1 else MARGIN
         self.height = tall + titles + HEADER + FOOTER
         self.figure = Figure((WIDTH / DPI, self.height / DPI), dpi=DPI, facecolor=BACKGROUND)
         self.panels = [
-            self.figure.add_axes(self._place(MARGIN + k * (wide + MARGIN), FOOTER, wide, tall))
+            self.figure.add_axes(self._relative(MARGIN + k * (wide + MARGIN), FOOTER, wide, tall))
             for k in range(panels)
         ]
         self.axes = self.panels[0]
@@ -231,32 +231,32 @@ class _Picture:
             axes.set_ylim(self.low[1], self.high[1])
 
     def holds(self, flat: Array) -> Array:
-        """(n,) bool: which places lie within the picture."""
+        """(n,) bool: which positions are within the picture."""
         return np.asarray(((flat >= self.low) & (flat <= self.high)).all(axis=1))
 
     @property
     def dot_size(self) -> float:
-        """Area of a dot in square points: larger where there are few."""
+        """Area of a dot in square points; larger if there are few."""
         pixels = float(np.clip(0.6 * np.sqrt(self._area / self._count), 1.4, 4.0))
         return (pixels * 72.0 / DPI) ** 2
 
-    def header(self, title: str, found: Segmentation, note: str) -> None:
-        """Write what is shown, and the numbers of the model."""
+    def header(self, title: str, result: Segmentation, note: str) -> None:
+        """Write the title, and the numbers of the model."""
         self._text(MARGIN, self.height - 34, title, size=19, weight="bold")
-        counts = found.counts
+        counts = result.counts
         points = max(1, counts.segmented)
-        thinned = f" of {len(found.labels):,}, thinned" if counts.thinned else ""
+        thinned = f" of {len(result.labels):,}, thinned" if counts.thinned else ""
         facts = (
             f"{counts.segmented + counts.isolated:,} points{thinned}",
-            f"{len(found.ellipsoids):,} segments",
-            f"criterion {found.criterion}, threshold {found.threshold:g}",
-            f"AICc {found.aicc:,.0f} ({found.aicc / points:.2f} a point)",
+            f"{len(result.ellipsoids):,} segments",
+            f"criterion {result.criterion}, threshold {result.threshold:g}",
+            f"AICc {result.aicc:,.0f} ({result.aicc / points:.2f} per point)",
             note,
         )
         self._text(MARGIN, self.height - 66, "   ·   ".join(facts), size=12, color=FAINT)
 
     def footer(self, axes: Array) -> None:
-        """Draw a scale bar, and where the axes of the frame point."""
+        """Draw a scale bar, and the directions of the axes of the frame."""
         length = _round_down(0.2 * (self.high[0] - self.low[0]) * len(self.panels) ** 0.5)
         pixels = length / self._pixel
         self._line((MARGIN, 44), (MARGIN + pixels, 44), INK)
@@ -267,16 +267,16 @@ class _Picture:
         for k, colour in enumerate(("#ff6b6b", "#51cf66", "#6aa9ff")):
             arm = 38.0 * axes[:2, k]
             if np.linalg.norm(arm) < 4.0:
-                continue  # it points at the eye
+                continue  # it points at the viewer
             self._line(tuple(middle), tuple(middle + arm), colour)
             x, y = middle + 1.38 * arm
             self._text(x, y, "xyz"[k], color=colour, ha="center", va="center")
 
     def shape_key(self) -> None:
-        """Draw the triangle of shapes: what the colours mean."""
+        """Draw the triangle of shapes, the key of the colours."""
         wide, tall = 92, 80
         left = WIDTH - MARGIN - 190
-        axes = self.figure.add_axes(self._place(left, 24, wide, tall))
+        axes = self.figure.add_axes(self._relative(left, 24, wide, tall))
         axes.set_axis_off()
         x, y = np.meshgrid(np.linspace(0.0, 1.0, wide), np.linspace(0.0, 1.0, tall))
         flat, long, ball = 1.0 - x - 0.5 * y, x - 0.5 * y, y  # shares, 1 in the corners
@@ -291,7 +291,7 @@ class _Picture:
         self._text(left + wide + 6, 28, "cylinder")
 
     def save(self, path: Path) -> None:
-        """Write the PNG, with a palette: a third of the size, and hardly a difference."""
+        """Write the PNG with a palette: a third of the size, and hardly a difference."""
         drawn = BytesIO()
         self.figure.savefig(drawn, format="png", pil_kwargs={"compress_level": 1})
         with Image.open(drawn) as image:
@@ -300,7 +300,7 @@ class _Picture:
         with replacing(path) as part:
             dithered.save(part, "PNG", optimize=True)
 
-    def _place(self, x: float, y: float, wide: float, tall: float) -> Box:
+    def _relative(self, x: float, y: float, wide: float, tall: float) -> Box:
         return x / WIDTH, y / self.height, wide / WIDTH, tall / self.height
 
     def _text(self, x: float, y: float, text: str, **style: Any) -> None:
@@ -314,17 +314,17 @@ class _Picture:
 
 
 def _limits(flat: Array) -> tuple[Array, Array]:
-    """Least and greatest (2,) m that hold nearly all points (n, 2), not the few far ones."""
+    """Lower and upper limits (2,) m of nearly all points (n, 2), without few distant ones."""
     if not len(flat):
         return np.full(2, -1.0), np.full(2, 1.0)
-    least, low, high, most = np.percentile(flat, [0.1, 1.0, 99.0, 99.9], axis=0)
+    lowest, low, high, highest = np.percentile(flat, [0.1, 1.0, 99.0, 99.9], axis=0)
     reach = 0.4 * (high - low)
-    low, high = np.maximum(least, low - reach), np.minimum(most, high + reach)
+    low, high = np.maximum(lowest, low - reach), np.minimum(highest, high + reach)
     margin = 0.03 * (high - low) + 0.5
     return low - margin, high + margin
 
 
 def _round_down(length: float) -> float:
-    """Largest of 1, 2, 5 times a power of ten that is at most `length`."""
+    """The largest of 1, 2 and 5 times a power of ten that is at most `length`."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step for step in (1.0, 2.0, 5.0) if step * power <= length) * power)

@@ -1,4 +1,4 @@
-"""Facts about pictures: their size, what can be seen in them, and what must not spoil them."""
+"""Pictures of windows: size, colours, and degenerate windows."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def coloured(image):
 
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("draw", SINGLE)
-def test_a_picture_shows_the_segments(draw, view, tmp_path):
+def test_picture_shows_the_segments(draw, view, tmp_path):
     image = drawn(draw, found_in(cloud()), tmp_path / "a.png", view)
     assert 0.25 < image.shape[0] / image.shape[1] < 1.0
     assert coloured(image).sum() > 2000
@@ -51,7 +51,7 @@ def test_a_picture_shows_the_segments(draw, view, tmp_path):
     assert np.ptp(columns) > 0.7 * image.shape[1] or np.ptp(rows) > 0.7 * image.shape[0]
 
 
-def test_a_segment_has_its_own_colour(tmp_path):
+def test_segments_have_different_colours(tmp_path):
     image = drawn(plots.draw_segments, found_in(cloud()), tmp_path / "a.png", plots.OBLIQUE)
     tints = np.unique(np.round(image[coloured(image)] * 4.0), axis=0)
     assert len(tints) > 12
@@ -69,7 +69,7 @@ def test_stems_are_red_and_square_walls_blue(thing, channel, tmp_path):
     assert int(np.argmax(mean)) == channel
 
 
-def test_truth_stands_beside_segments_and_objects_where_there_is_one(tmp_path):
+def test_levels_show_ground_truth_if_the_input_has_it(tmp_path):
     points = cloud()
     fields = np.zeros(len(points), [("instance", np.uint32), ("class", np.uint8)])
     fields["class"] = 1
@@ -94,20 +94,20 @@ def test_small_segments_are_grey_points_among_ellipsoids(tmp_path):
 
 @pytest.mark.parametrize("draw", DRAWERS)
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.zeros((1, 3)), np.full((2, 3), np.nan)])
-def test_a_window_without_segments_has_a_picture_too(draw, points, tmp_path):
+def test_window_without_segments_is_drawn(draw, points, tmp_path):
     for view in VIEWS:
         image = drawn(draw, found_in(points), tmp_path / "a.png", view)
         assert not coloured(image).any()
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_points_that_are_all_one_have_a_picture(draw, tmp_path):
+def test_identical_points_are_drawn(draw, tmp_path):
     image = drawn(draw, found_in(np.ones((30, 3))), tmp_path / "a.png")
     assert coloured(image).any()
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_a_few_far_points_do_not_shrink_the_scene(draw, tmp_path):
+def test_few_distant_points_do_not_shrink_the_scene(draw, tmp_path):
     points = cloud()
     near = drawn(draw, found_in(points), tmp_path / "a.png", plots.OBLIQUE)
     far = drawn(
@@ -120,7 +120,7 @@ def test_a_few_far_points_do_not_shrink_the_scene(draw, tmp_path):
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_where_the_cloud_lies_in_the_world_changes_nothing(draw, tmp_path):
+def test_picture_does_not_depend_on_the_position_in_the_world(draw, tmp_path):
     found = found_in(np.round(cloud() * 1024.0) / 1024.0)
     shift = np.array([5e6, 4e5, 100.0])
     moved = replace(
@@ -134,7 +134,7 @@ def test_where_the_cloud_lies_in_the_world_changes_nothing(draw, tmp_path):
 
 
 @pytest.mark.parametrize("draw", DRAWERS)
-def test_the_same_window_makes_the_same_file(draw, tmp_path):
+def test_equal_windows_give_equal_files(draw, tmp_path):
     found = found_in(cloud())
     for name in ("a.png", "b.png"):
         draw(found, tmp_path / name)
@@ -142,5 +142,5 @@ def test_the_same_window_makes_the_same_file(draw, tmp_path):
 
 
 @pytest.mark.parametrize(("length", "bar"), [(1.0, 1.0), (4.9, 2.0), (73.0, 50.0), (0.3, 0.2)])
-def test_the_scale_bar_has_a_round_length(length, bar):
+def test_scale_bar_has_a_round_length(length, bar):
     assert plots._round_down(length) == pytest.approx(bar)
