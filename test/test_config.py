@@ -6,7 +6,7 @@ from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.settings import flatten, iterate_settings, with_values
 
 
-def test_every_setting_has_a_meaning_and_its_default_is_within_its_limits():
+def test_every_setting_is_described_and_its_default_valid():
     for config in (Config(), NodeConfig()):
         for name, value, limits in iterate_settings(config):
             assert limits.about, name
@@ -31,13 +31,13 @@ def test_every_setting_has_a_meaning_and_its_default_is_within_its_limits():
         ({"speed.x": 1}, "there is no setting speed.x"),
     ],
 )
-def test_a_bad_value_is_refused_in_one_line(values, words):
+def test_bad_value_is_refused_in_one_line(values, words):
     with pytest.raises(ConfigError, match=words) as error:
         with_values(Config(), values)
     assert "\n" not in str(error.value)
 
 
-def test_an_integer_does_for_a_double():
+def test_integer_is_accepted_for_a_double():
     config = Config(threshold=5, window_duration=10)
     assert (config.threshold, config.window_duration) == (5.0, 10.0)
     assert isinstance(config.threshold, float)
@@ -45,7 +45,7 @@ def test_an_integer_does_for_a_double():
 
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("unset", [None, -1, -1.0])
-def test_without_a_threshold_the_criterions_own_one_is_in_force(criterion, unset):
+def test_unset_threshold_is_the_default_of_the_criterion(criterion, unset):
     assert (
         Config(criterion=criterion, threshold=unset).tau == CRITERIA[criterion].default_threshold
     )

@@ -27,13 +27,13 @@ def assert_golden(found, name):
 @pytest.mark.parametrize(
     "name", [name for name in EXPECTED if name.split(", ")[0] in golden.SIMULATED]
 )
-def test_simulated_scenes_give_what_they_gave(name):
+def test_simulated_scenes_equal_golden_results(name):
     scene, criterion = name.split(", ")
     assert_golden(last_update(golden.simulated(scene), criterion), name)
 
 
 @pytest.mark.parametrize("scene", golden.REAL)
-def test_real_scenes_give_what_they_gave(scene, shared_data):
+def test_real_scenes_equal_golden_results(scene, shared_data):
     assert_golden(last_update(golden.real(shared_data, scene)), f"{scene}, shape")
 
 
@@ -51,7 +51,7 @@ def with_threads(count, monkeypatch):
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_neither_threads_nor_chunks_change_a_bit(criterion, monkeypatch):
+def test_results_do_not_depend_on_threads_or_chunks(criterion, monkeypatch):
     sweeps = golden.simulated("industrial")
     expected = digest(last_update(sweeps, criterion))
     for threads in (1, 2, 4):

@@ -48,19 +48,19 @@ def assert_equal_to_naive(points, criterion, tau):
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(("criterion", "tau"), CRITERIA)
-def test_segments_equal_the_naive_ones(criterion, tau):
+def test_segments_equal_naive(criterion, tau):
     assert_equal_to_naive(street(150, np.random.default_rng(0)), criterion, tau)
 
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("criterion", "tau"), CRITERIA)
-def test_segments_of_more_points_equal_the_naive_ones(criterion, tau, seed):
+def test_segments_of_more_points_equal_naive(criterion, tau, seed):
     assert_equal_to_naive(street(300, np.random.default_rng(seed)), criterion, tau)
 
 
 @pytest.mark.parametrize(("criterion", "tau"), CRITERIA)
 @pytest.mark.parametrize("scene", ["oakland_part3_an", "kitti_2011_09_26_drive_0001"])
-def test_segments_of_real_scans_equal_the_naive_ones(shared_data, scene, criterion, tau):
+def test_segments_of_real_scans_equal_naive(shared_data, scene, criterion, tau):
     points = np.load(shared_data / f"{scene}.npz")["xyz"].astype(np.float64)
     distance = np.linalg.norm(points - points[len(points) // 3], axis=1)
     assert_equal_to_naive(points[np.sort(np.argsort(distance)[:500])], criterion, tau)
@@ -92,7 +92,7 @@ def test_a_wall_is_flat_nearly_everywhere_at_the_default_threshold():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_trunk_is_one_to_three_long_upright_ellipsoids_but_for_scraps(seed):
+def test_trunk_is_one_to_three_long_upright_ellipsoids_and_remnants(seed):
     sweep, _ = simulator.trunk(np.random.default_rng(seed))
     found = segment(sweep.points, Config(threshold=12.0))
     large = found.ellipsoids.count >= 0.05 * len(sweep)
@@ -125,7 +125,7 @@ def test_no_segment_holds_points_of_two_boxes_a_metre_apart():
     ],
     ids=["none", "one", "two", "eleven", "equal", "collinear", "coplanar", "nan"],
 )
-def test_degenerate_clouds_have_a_sane_answer(points, criterion):
+def test_degenerate_clouds_give_valid_results(points, criterion):
     found = segment(points, Config(criterion=criterion))
     ellipsoids = found.ellipsoids
     assert len(found.labels) == len(points)
@@ -139,7 +139,7 @@ def test_degenerate_clouds_have_a_sane_answer(points, criterion):
     assert np.allclose(shares, 1.0)
 
 
-def test_not_finite_and_absurd_points_are_rejected_and_change_nothing():
+def test_non_finite_and_far_points_are_rejected_without_effect():
     points = street(200, np.random.default_rng(3))
     bad = np.array([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf], [1e30, 0, 0]])
     places = [0, 50, 120, 200]
@@ -152,7 +152,7 @@ def test_not_finite_and_absurd_points_are_rejected_and_change_nothing():
 
 
 @pytest.mark.parametrize(("criterion", "tau"), CRITERIA)
-def test_shared_between_any_number_of_threads_the_walk_finds_the_same(criterion, tau, monkeypatch):
+def test_merge_does_not_depend_on_thread_count(criterion, tau, monkeypatch):
     points = street(4000, np.random.default_rng(15))
     config = Config(criterion=criterion, threshold=tau)
     alone = segment(points, config)
@@ -167,7 +167,7 @@ def test_shared_between_any_number_of_threads_the_walk_finds_the_same(criterion,
 
 
 @pytest.mark.nojit
-def test_shared_between_threads_the_walk_of_a_small_cloud_finds_the_same(monkeypatch):
+def test_merge_of_a_small_cloud_does_not_depend_on_slabs(monkeypatch):
     points = street(150, np.random.default_rng(16))
     alone = segment(points)
     monkeypatch.setattr("ellipseg_ros.core.merge.SLAB_MIN_VERTICES", 0)
@@ -175,7 +175,7 @@ def test_shared_between_threads_the_walk_of_a_small_cloud_finds_the_same(monkeyp
     assert np.array_equal(alone.labels, segment(points).labels)
 
 
-def test_large_coordinates_lose_nothing():
+def test_large_coordinates_lose_no_precision():
     points = np.round(street(2000, np.random.default_rng(4)) * 1024) / 1024
     near, far = segment(points), segment(points + 5e6)
     assert np.array_equal(near.labels, far.labels)
@@ -184,7 +184,7 @@ def test_large_coordinates_lose_nothing():
     assert (far.origin - near.origin == 5e6).all()
 
 
-def test_a_rigid_motion_changes_no_segment():
+def test_segments_are_invariant_to_rigid_motion():
     points = street(1000, np.random.default_rng(5))
     turn = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))[0]
     still, moved = segment(points), segment(points @ turn.T + [10.0, -20.0, 3.0])
@@ -192,7 +192,7 @@ def test_a_rigid_motion_changes_no_segment():
     assert np.allclose(still.ellipsoids.eigenvalues, moved.ellipsoids.eigenvalues, atol=1e-9)
 
 
-def test_the_order_of_the_points_changes_no_segment():
+def test_segments_are_invariant_to_point_order():
     points = street(1000, np.random.default_rng(7))
     order = np.random.default_rng(8).permutation(1000)
     one, other = segment(points), segment(points[order])
@@ -213,7 +213,7 @@ def test_every_update_equals_the_batch_result_of_its_window():
         assert np.array_equal(found.ellipsoids.aicc, again.ellipsoids.aicc)
 
 
-def test_segments_are_numbered_by_their_lowest_point_and_know_their_times():
+def test_segments_are_numbered_by_lowest_point_and_carry_times():
     found = Segmenter().process(next(stream(np.random.default_rng(10), size=400)))
     firsts = [np.flatnonzero(found.labels == s)[0] for s in range(len(found.ellipsoids))]
     assert firsts == sorted(firsts)
@@ -222,7 +222,7 @@ def test_segments_are_numbered_by_their_lowest_point_and_know_their_times():
         assert (found.first_seen_ns[s], found.last_seen_ns[s]) == (times.min(), times.max())
 
 
-def test_a_jump_back_restarts_the_window_and_ids_go_on():
+def test_jump_back_restarts_the_window_and_ids_continue():
     sweep = Sweep(10_000_000_000, street(200, np.random.default_rng(11)))
     segmenter = Segmenter()
     before = segmenter.process(sweep)
@@ -234,7 +234,7 @@ def test_a_jump_back_restarts_the_window_and_ids_go_on():
     assert after.sequence == before.sequence + 1
 
 
-def test_a_new_frame_or_another_count_of_a_field_restarts_the_window():
+def test_changed_frame_or_field_count_restarts_the_window():
     fields = np.zeros(5, [("x", "f4"), ("ring", "u2")])
     other = np.zeros(5, [("x", "f4"), ("ring", "u2", 2)])
     sweep = Sweep(0, np.eye(5, 3), fields=fields, frame_id="map")
@@ -253,7 +253,7 @@ def test_a_gap_longer_than_the_window_expires_everything():
     assert list(after.removed) == sorted(before.ids) and (after.state == State.NEW).all()
 
 
-def test_thinning_keeps_about_the_rate_and_accounts_for_the_rest():
+def test_thinning_keeps_the_rate_and_accounts_for_all_points():
     config = Config(max_points_per_second=1000)
     points = street(5000, np.random.default_rng(13))
     whole = Segmenter(config).process(Sweep(0, points))
@@ -263,7 +263,7 @@ def test_thinning_keeps_about_the_rate_and_accounts_for_the_rest():
     assert np.array_equal(kept.labels, whole.labels[whole.labels != THINNED])
 
 
-def test_settings_change_at_the_next_update():
+def test_settings_apply_from_the_next_update():
     sweep = Sweep(0, street(300, np.random.default_rng(14)))
     segmenter = Segmenter(Config(threshold=1.0))
     fine = segmenter.process(sweep)

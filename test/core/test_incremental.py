@@ -1,4 +1,4 @@
-"""The contract: after every update the window's segmentation is the batch one, bit for bit."""
+"""After every update the segmentation equals that of a batch, bit for bit."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def window(**changes):
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(("criterion", "tau"), MODES)
-def test_every_update_of_a_short_stream_is_batch(criterion, tau):
+def test_every_update_of_a_short_stream_equals_batch(criterion, tau):
     config = window(criterion=criterion, threshold=tau)
     segmenter = Segmenter(config)
     for sweep in wild_stream(np.random.default_rng(0), 6 if jit.PLAIN else 40):
@@ -34,7 +34,7 @@ def test_every_update_of_a_short_stream_is_batch(criterion, tau):
 
 @pytest.mark.parametrize("cloud", [street, grid])
 @pytest.mark.parametrize(("criterion", "tau"), MODES)
-def test_every_update_of_a_wild_stream_is_batch(criterion, tau, cloud):
+def test_every_update_of_a_wild_stream_equals_batch(criterion, tau, cloud):
     config = window(criterion=criterion, threshold=tau)
     segmenter = Segmenter(config)
     kept = 0
@@ -49,7 +49,7 @@ def test_every_update_of_a_wild_stream_is_batch(criterion, tau, cloud):
     seed=st.integers(0, 2**32), mode=st.sampled_from(MODES), cloud=st.sampled_from([street, grid])
 )
 @settings(max_examples=40, deadline=None)
-def test_every_update_of_any_stream_is_batch(seed, mode, cloud):
+def test_every_update_of_a_random_stream_equals_batch(seed, mode, cloud):
     rng = np.random.default_rng(seed)
     config = Config(
         criterion=mode[0],
@@ -65,7 +65,7 @@ def test_every_update_of_any_stream_is_batch(seed, mode, cloud):
         assert_batch(segmenter.process(sweep), config)
 
 
-def test_settings_changed_on_the_way_keep_it_batch():
+def test_updates_equal_batch_after_settings_change():
     rng = np.random.default_rng(2)
     config = window()
     segmenter = Segmenter(config)
@@ -85,7 +85,7 @@ def test_settings_changed_on_the_way_keep_it_batch():
         assert_batch(segmenter.process(sweep), config)
 
 
-def test_the_window_may_empty_and_fill_again():
+def test_updates_equal_batch_after_an_empty_window():
     rng = np.random.default_rng(3)
     config = window()
     segmenter = Segmenter(config)
@@ -96,7 +96,7 @@ def test_the_window_may_empty_and_fill_again():
         assert found.counts.segmented == (0 if number % 3 == 0 else found.ellipsoids.count.sum())
 
 
-def test_isolated_points_come_and_go_with_their_neighbours():
+def test_isolated_points_follow_their_neighbours():
     config = Config(window_duration=1.0)
     segmenter = Segmenter(config)
 
@@ -130,7 +130,7 @@ def test_ids_do_not_depend_on_how_messages_are_split(parts):
         assert np.array_equal(first.labels, second.labels)
 
 
-def test_two_thousand_updates_stay_exact_and_do_not_grow():
+def test_two_thousand_updates_stay_exact_in_constant_memory():
     config = window(threshold=6.0)
     segmenter = Segmenter(config)
     largest = 0
@@ -159,7 +159,7 @@ def state_bytes(thing, seen=None):
 @pytest.mark.nojit
 @pytest.mark.parametrize("cloud", [street, grid])
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_lower_and_lower_thresholds_keep_it_batch(criterion, cloud):
+def test_updates_equal_batch_for_descending_thresholds(criterion, cloud):
     """On a window that moves, and on one that stays."""
     rng = np.random.default_rng(3)
     segmenter = Segmenter()

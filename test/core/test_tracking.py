@@ -59,7 +59,7 @@ def test_ids_parents_and_removed_follow_the_rules_on_random_histories():
     assert told > 20
 
 
-def test_a_reset_ends_every_id_and_uses_none_again():
+def test_reset_ends_all_ids_and_reuses_none():
     tracker = Tracker()
     labels = np.array([0, 0, 1], np.int32)
     first = tracker.assign(np.arange(3), labels, facts(labels))
@@ -71,7 +71,7 @@ def test_a_reset_ends_every_id_and_uses_none_again():
     assert (second.state == State.NEW).all()
 
 
-def test_other_moments_of_the_same_points_are_an_update():
+def test_changed_moments_of_the_same_points_are_an_update():
     tracker = Tracker()
     labels = np.zeros(3, np.int32)
     tracker.assign(np.arange(3), labels, np.array([[3.0, 1.0]]))
@@ -79,7 +79,7 @@ def test_other_moments_of_the_same_points_are_an_update():
     assert tracker.assign(np.arange(3), labels, np.array([[3.0, 1.5]])).state == [State.UPDATED]
 
 
-def test_used_up_ids_begin_anew_without_those_in_use(monkeypatch):
+def test_exhausted_ids_restart_without_those_in_use(monkeypatch):
     monkeypatch.setattr("ellipseg_ros.core.tracking.LAST_ID", 50)
     tracker = Tracker()
     labels = np.arange(6, dtype=np.int32)

@@ -24,7 +24,7 @@ def times(found):
 
 
 @pytest.mark.parametrize("limit", [0, 7, 25])
-def test_the_window_is_that_of_a_plain_model(limit):
+def test_window_equals_a_plain_model(limit):
     config = Config(window_duration=0.9, max_points=limit)
     length = round(config.window_duration * SECOND)
     window, inside, end, arrived, crowded = Window(), [], None, 0, 0
@@ -51,7 +51,7 @@ def test_the_window_is_that_of_a_plain_model(limit):
     assert bool(crowded) == bool(limit)
 
 
-def test_a_crowded_window_equals_batch():
+def test_updates_equal_batch_with_evictions():
     segmenter = Segmenter(Config(window_duration=2.0, max_points=150))
     crowded = 0
     for s in wild_stream(np.random.default_rng(3), 60):
@@ -62,19 +62,19 @@ def test_a_crowded_window_equals_batch():
     assert crowded
 
 
-def test_a_cloud_beyond_the_limit_keeps_its_newest_points():
+def test_cloud_above_max_points_keeps_its_newest_points():
     found = Segmenter(Config(max_points=3)).process(sweep(5.0, 1.0, 4.0, 2.0, 4.0, 4.0, 4.0))
     assert list(found.arrival) == [3, 4, 5] and found.evicted == 3
     assert found.start_ns < 4 * SECOND == found.end_ns
 
 
-def test_a_point_of_just_the_windows_length_ago_is_out():
+def test_point_exactly_as_old_as_the_window_expires():
     segmenter = Segmenter(Config(window_duration=1.0))
     segmenter.process(sweep(5.0, 5.0, 5.0 + 1e-9))
     assert times(segmenter.process(sweep(6.0, 6.0))) == [5.0 + 1e-9, 6.0]
 
 
-def test_the_window_never_ends_earlier_than_before():
+def test_window_end_never_moves_back():
     segmenter = Segmenter(Config(window_duration=1.0, max_lateness=1.0))
     segmenter.process(sweep(5.0, 5.0))
     found = segmenter.process(sweep(4.5, 4.5))
@@ -82,7 +82,7 @@ def test_the_window_never_ends_earlier_than_before():
 
 
 @pytest.mark.parametrize(("late", "restarts"), [(1.0, False), (1.001, True)])
-def test_just_max_lateness_is_not_too_late(late, restarts):
+def test_cloud_exactly_max_lateness_old_is_accepted(late, restarts):
     grouping = Grouping(Config(max_lateness=1.0))
     segmenter = Segmenter(Config(max_lateness=1.0))
     for stamp in (10.0, 10.0 - late):
@@ -92,7 +92,7 @@ def test_just_max_lateness_is_not_too_late(late, restarts):
     assert bool(group.restart) == restarts == bool(found.restart)
 
 
-def test_a_late_group_restarts_no_window_though_the_points_before_have_offsets():
+def test_late_group_does_not_restart_if_earlier_points_have_offsets():
     config = Config(max_lateness=1.0)
     stamps = np.arange(10.0, 12.05, 0.1)
     drive = [*(sweep(t, t, t + 0.09) for t in stamps), sweep(11.05, 11.05)]
@@ -102,7 +102,7 @@ def test_a_late_group_restarts_no_window_though_the_points_before_have_offsets()
     assert len(found[-1].points) == 2 * len(stamps) + 1
 
 
-def test_an_empty_sweep_in_another_frame_restarts_and_mixes_nothing():
+def test_empty_sweep_in_another_frame_restarts():
     segmenter = Segmenter()
     segmenter.process(sweep(0.0, 0.0, frame_id="map"))
     found = segmenter.process(sweep(0.1, frame_id="odom"))
@@ -111,7 +111,7 @@ def test_an_empty_sweep_in_another_frame_restarts_and_mixes_nothing():
     assert not found.restart and times(found) == [0.2] and found.frame_id == "odom"
 
 
-def test_results_cannot_be_written_into_where_the_next_update_builds_on_them():
+def test_results_that_the_next_update_reads_are_read_only():
     segmenter = Segmenter()
     cloud = street(100, np.random.default_rng(1))
     found = segmenter.process(Sweep(0, cloud))
@@ -122,7 +122,7 @@ def test_results_cannot_be_written_into_where_the_next_update_builds_on_them():
     assert (segmenter.process(Sweep(SECOND, cloud)).origin == 0.0).all()
 
 
-def test_two_exactly_at_the_isolation_distance_are_neighbours():
+def test_points_exactly_at_the_isolation_distance_are_neighbours():
     config = Config()
     found = Segmenter(config).process(Sweep(0, np.array([[0.0, 0, 0], [2.0, 0, 0]])))
     assert found.counts.segmented == 2
@@ -132,7 +132,7 @@ def test_two_exactly_at_the_isolation_distance_are_neighbours():
 
 
 @pytest.mark.parametrize("parts", [1, 4])
-def test_thinned_streams_are_exact_and_do_not_depend_on_how_messages_are_split(parts):
+def test_thinned_streams_do_not_depend_on_message_splits(parts):
     config = Config(window_duration=1.5, update_period=0.5, max_points_per_second=200)
     whole = [s for s in wild_stream(np.random.default_rng(2), 100) if len(s)]
     grouping, split = Grouping(config), []
@@ -159,7 +159,7 @@ def assert_batch_of_kept(found, kept, config):
     assert_batch(part, config)
 
 
-def test_rejected_points_take_nothing_from_the_budget():
+def test_rejected_points_do_not_use_the_budget():
     rng = np.random.default_rng(3)
     points = street(10_000, rng)
     points[rng.random(10_000) < 0.9] = np.nan
@@ -167,7 +167,7 @@ def test_rejected_points_take_nothing_from_the_budget():
     assert found.counts.segmented + found.counts.isolated == pytest.approx(500, abs=30)
 
 
-def test_a_gap_grants_no_more_than_one_period():
+def test_gap_grants_at_most_one_period():
     config = Config(max_points_per_second=500, update_period=1.0)
     segmenter = Segmenter(config)
     cloud = street(5000, np.random.default_rng(4))
@@ -177,7 +177,7 @@ def test_a_gap_grants_no_more_than_one_period():
     assert np.count_nonzero(kept) == pytest.approx(500, abs=30)
 
 
-def test_a_long_sweep_is_granted_its_own_span():
+def test_long_sweep_is_granted_its_span():
     config = Config(max_points_per_second=500, update_period=1.0)
     offsets = np.linspace(0, 4 * SECOND, 5000).astype(np.int64)
     cloud = street(5000, np.random.default_rng(5))
@@ -198,7 +198,7 @@ def test_fields_of_all_messages_of_a_group_are_compared():
     assert [len(group) for group in groups] == [2, 1] and "ring" in groups[1].restart
 
 
-def test_rows_are_given_back_after_a_burst():
+def test_memory_is_returned_after_a_burst():
     segmenter = Segmenter(Config(window_duration=1.0))
     rng = np.random.default_rng(6)
     segmenter.process(Sweep(0, street(60_000, rng)))

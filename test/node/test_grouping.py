@@ -19,17 +19,17 @@ def stamps(groups):
     return [[float(x) for x in group.points[:, 0]] for group in groups]
 
 
-def test_the_message_that_reaches_a_boundary_closes_the_group_and_belongs_to_it():
+def test_message_at_a_boundary_closes_its_group():
     groups = updates(sweeps(5.0, 5.5, 6.0, 6.2, 6.9, 7.1, 7.9, 8.0), CONFIG)
     assert stamps(groups) == [[5.0, 5.5, 6.0], [6.2, 6.9, 7.1], [7.9, 8.0]]
 
 
-def test_a_boundary_without_data_gives_no_update_and_the_end_flushes():
+def test_empty_period_gives_no_update_and_end_flushes():
     groups = updates(sweeps(0.0, 0.5, 4.5, 4.9, 5.0, 5.2), CONFIG)
     assert stamps(groups) == [[0.0, 0.5, 4.5], [4.9, 5.0], [5.2]]
 
 
-def test_a_late_message_stays_where_it_came_and_a_later_one_restarts():
+def test_late_message_joins_the_open_group_and_a_later_one_restarts():
     groups = list(updates(sweeps(10.0, 10.9, 10.2, 11.0, 11.4, 10.3, 10.5), CONFIG))
     assert stamps(groups) == [[10.0, 10.9, 10.2, 11.0], [11.4], [10.3, 10.5]]
     assert [bool(group.restart) for group in groups] == [False, False, True]
@@ -63,7 +63,7 @@ def test_splitting_messages_between_boundaries_changes_no_group(parts):
         assert np.array_equal(one.times_ns, other.times_ns)
 
 
-def test_while_stamps_stand_still_a_group_is_closed_when_it_is_as_large_as_a_window():
+def test_group_of_constant_stamps_closes_at_window_size():
     config = Config(update_period=1.0, max_points=10)
     clouds = [Sweep(0, np.zeros((4, 3))) for _ in range(7)]
     assert [len(group) for group in updates(clouds, config)] == [12, 12, 4]
@@ -73,13 +73,13 @@ def test_while_stamps_stand_still_a_group_is_closed_when_it_is_as_large_as_a_win
     assert len(list(updates(nothing, config))) == 3
 
 
-def test_a_restart_by_a_message_as_large_as_a_window_completes_two_groups():
+def test_restart_by_a_window_sized_message_completes_two_groups():
     grouping = Grouping(Config(max_points=10))
     assert grouping.push(Sweep(9 * SECOND, np.zeros((4, 3)))) == []
     assert [len(group) for group in grouping.push(Sweep(0, np.zeros((11, 3))))] == [4, 11]
 
 
-def test_a_group_that_cannot_be_joined_is_dropped_whole():
+def test_group_that_cannot_be_joined_is_dropped():
     grouping = Grouping(CONFIG)
     a = Sweep(0, np.zeros((1, 3)), fields=np.zeros(1, [("a", "f4")]))
     b = Sweep(1, np.zeros((1, 3)), fields=np.zeros(1, [("a", "f4", 2)]))
@@ -90,7 +90,7 @@ def test_a_group_that_cannot_be_joined_is_dropped_whole():
         join_sweeps([a, b])
 
 
-def test_a_group_holds_so_many_bytes_of_fields_however_long_it_is_open(monkeypatch):
+def test_group_closes_at_the_limit_of_bytes(monkeypatch):
     monkeypatch.setattr("ellipseg_ros.node.grouping.MAX_WINDOW_BYTES", 1000)
     fields = np.zeros(1, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("rest", "V388")])
     wide = [Sweep(SECOND, np.zeros((1, 3)), fields=fields) for _ in range(7)]

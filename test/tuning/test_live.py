@@ -26,7 +26,7 @@ def chosen(*curves, present=4.0):
     return [judge.decide(one, present).threshold for one in curves]
 
 
-def test_two_curves_in_a_row_that_agree_change_the_threshold():
+def test_two_consecutive_agreeing_curves_change_the_threshold():
     assert chosen(curve(8.0, 0.1), curve(8.0, 0.1)) == [4.0, 8.0]
     assert chosen(curve(1.0, 0.1), curve(1.0, 0.1)) == [4.0, 1.0]
 
@@ -55,21 +55,21 @@ def test_after_a_change_two_curves_must_agree_again():
     assert judge.decide(curve(16.0, 0.1), 8.0).threshold == 8.0
 
 
-def test_a_threshold_set_by_hand_in_between_begins_anew():
+def test_manual_threshold_resets_the_hysteresis():
     judge = Hysteresis()
     judge.decide(curve(16.0, 0.1), 4.0)
     assert judge.decide(curve(16.0, 0.1), 8.0).threshold == 8.0
     assert judge.decide(curve(16.0, 0.1), 8.0).threshold == 16.0
 
 
-def test_asked_for_the_best_is_taken_at_once():
+def test_decision_by_one_curve_takes_its_best_threshold():
     assert decide_by_one(curve(8.0, 0.001), 4.0).threshold == 8.0
     decision = decide_by_one(curve(4.0, 0.0), 4.0)
     assert decision.threshold == 4.0 and not decision.changed
     assert "is the best already" in decision.reason
 
 
-def test_the_report_is_a_table_and_json():
+def test_report_is_a_table_and_json():
     found = tune(street(500, np.random.default_rng(0)), Config(), LIVE_SEARCH)
     decision = decide_by_one(found, Config().tau)
     head, _, *rows, last = report(found, decision).splitlines()

@@ -36,14 +36,14 @@ def assert_brute_force(found, points, config, origin=None):
 @pytest.mark.nojit
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("cloud", [street, grid])
-def test_a_curve_equals_the_brute_force_sweep(criterion, cloud):
+def test_curve_equals_segmentations_at_every_threshold(criterion, cloud):
     points = cloud(60 if jit.PLAIN else 3000, np.random.default_rng(0))
     config = Config(criterion=criterion)
     assert_brute_force(curve(points, config, SPREAD[criterion]), points, config)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_a_curve_of_a_scene_equals_the_brute_force_sweep(criterion):
+def test_curve_of_a_scene_equals_segmentations(criterion):
     sweeps = simulator.simulate("woodland", duration=0.5)
     points = np.concatenate([sweep.points for sweep in sweeps] + [np.full((5, 3), np.nan)])
     config = Config(criterion=criterion, model=ModelConfig(1e-3, 0.004))
@@ -52,13 +52,13 @@ def test_a_curve_of_a_scene_equals_the_brute_force_sweep(criterion):
 
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("scene", ["oakland_part3_an", "kitti_2011_09_26_drive_0001"])
-def test_a_curve_of_a_real_scan_equals_the_brute_force_sweep(shared_data, scene, criterion):
+def test_curve_of_a_real_scan_equals_segmentations(shared_data, scene, criterion):
     points = np.load(shared_data / f"{scene}.npz")["xyz"][:5_000].astype(np.float64)
     config = Config(criterion=criterion)
     assert_brute_force(curve(points, config, SPREAD[criterion][::3]), points, config)
 
 
-def test_the_origin_of_a_window_is_taken_over():
+def test_curve_uses_the_given_origin():
     points = street(500, np.random.default_rng(1)) + 4.2e5
     origin = np.array([1000.0, 0.0, 0.0])
     config = Config()
@@ -67,7 +67,7 @@ def test_the_origin_of_a_window_is_taken_over():
 
 @pytest.mark.parametrize("threads", [1, 3, 50])
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_any_number_of_threads_gives_the_same(criterion, threads, monkeypatch):
+def test_curve_does_not_depend_on_thread_count(criterion, threads, monkeypatch):
     points = street(1500, np.random.default_rng(2))
     config = Config(criterion=criterion)
     expected = curve(points, config, SPREAD[criterion])
@@ -78,7 +78,7 @@ def test_any_number_of_threads_gives_the_same(criterion, threads, monkeypatch):
     assert found.as_dict() == expected.as_dict() == alone.as_dict()
 
 
-def test_the_terms_of_the_aicc_are_those_of_the_plain_formula():
+def test_aicc_terms_equal_the_plain_formula():
     points = street(400, np.random.default_rng(3))
     found = curve(points, Config(), [0.5, 4.0, 40.0])
     for row, tau in enumerate(found.threshold):
@@ -93,7 +93,7 @@ def test_the_terms_of_the_aicc_are_those_of_the_plain_formula():
         assert found.completion[row] == (found.points - len(model)) / found.points
 
 
-def test_nothing_merged_is_the_model_of_singletons():
+def test_no_merges_give_the_model_of_singletons():
     points = street(400, np.random.default_rng(4))
     found = curve(points, Config(criterion="density"), [1e-12, 0.01])
     assert found.count[0] == found.points and found.completion[0] == 0.0
@@ -102,7 +102,7 @@ def test_nothing_merged_is_the_model_of_singletons():
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_tuning_finds_the_minimum_of_a_fine_brute_force_sweep(criterion):
+def test_tuning_finds_the_minimum_of_a_fine_grid(criterion):
     points = street(1200, np.random.default_rng(5))
     config = Config(criterion=criterion)
     found = tune(points, config)
@@ -121,14 +121,14 @@ def made(aicc, singletons=0.0):
     return Curve("shape", 10, singletons, 10.0 ** np.arange(len(aicc)), aicc, 0.0 * aicc, count)
 
 
-def test_the_loss_is_the_share_of_the_gain_that_is_given_away():
+def test_loss_is_the_lost_share_of_the_gain():
     found = made([0.0, -75.0, -100.0, -100.0, -90.0])
     assert found.best == 2  # of equal ones the lowest
     assert found.loss.tolist() == [1.0, 0.25, 0.0, 0.0, 0.1]
     assert found.loss_at([1e-9, 10.0**0.5, 1e3, 1e9]).tolist() == [1.0, 0.625, 0.0, 0.1]
 
 
-def test_where_no_merging_gains_anything_the_loss_is_all_or_nothing():
+def test_loss_without_gain_is_zero_or_one():
     assert made([5.0, 7.0, 9.0], singletons=2.0).loss.tolist() == [0.0, 1.0, 1.0]
     assert made([3.0, 3.0]).loss.tolist() == [0.0, 0.0]
 
@@ -146,7 +146,7 @@ def test_degenerate_clouds_have_a_curve(points, criterion):
     assert np.isfinite(found.loss).all()
 
 
-def test_a_curve_survives_being_written():
+def test_curve_survives_writing_and_reading():
     found = curve(street(300, np.random.default_rng(6)), Config(), [1.0, 4.0])
     again = curve_from(found.as_dict())
     assert again.as_dict() == found.as_dict()

@@ -38,7 +38,7 @@ def test_windows_lie_end_to_end():
     assert cuts[1].points[:, 0].min() == pytest.approx(102.1)
 
 
-def test_a_rest_of_half_a_step_is_a_window_and_a_shorter_one_is_none():
+def test_remainder_of_half_a_step_is_a_window():
     assert spans(windows("a", drive(3.2), WINDOW))[1:] == [(1.2, 3.1)]
     assert len(spans(windows("a", drive(2.9), WINDOW))) == 1
 
@@ -53,7 +53,7 @@ def test_windows_may_overlap_or_leave_gaps():
     assert spans(windows("a", drive(6.1), WINDOW, every=3.0)) == [(1.1, 3.0), (4.1, 6.0)]
 
 
-def test_a_source_shorter_than_a_window_is_one():
+def test_short_source_is_one_window():
     (cut,) = windows("a", [Sweep(0, street(50, np.random.default_rng(0)))], WINDOW)
     assert len(cut.points) == 50 and (cut.start_s, cut.end_s) == (0.0, 0.0)
 
@@ -64,7 +64,7 @@ def test_a_restart_begins_a_new_window():
     assert [round(cut.points[0, 0], 6) for cut in cuts] == [100.1, 200.1]
 
 
-def test_a_window_is_that_of_the_node_and_only_takes_part_what_does_there():
+def test_window_holds_the_accepted_points_of_the_segmenter():
     config = Config(window_duration=1.0, update_period=0.5, max_points_per_second=200)
     rng = np.random.default_rng(1)
     sweeps = [Sweep(k * SECOND // 10, street(60, rng)) for k in range(16)]
@@ -85,13 +85,13 @@ def task(seed=0, **changes):
     return Task(cut, **(made | changes))
 
 
-def test_alone_and_on_all_cores_the_result_is_the_same():
+def test_task_result_does_not_depend_on_cores():
     one, other = run(task()), run_single_threaded(task())
     assert {k: c.as_dict() for k, c in one.items()} == {k: c.as_dict() for k, c in other.items()}
     assert list(one) == ["shape", "density"]
 
 
-def test_a_task_has_the_key_of_its_content():
+def test_task_key_depends_on_its_content():
     assert task().key == task().key
     others = [
         task(seed=1),
@@ -102,7 +102,7 @@ def test_a_task_has_the_key_of_its_content():
     assert len({task().key, *(other.key for other in others)}) == 5
 
 
-def test_a_given_threshold_is_that_of_its_criterion_alone():
+def test_given_threshold_applies_to_its_criterion_only():
     found = run(task(config=Config(window_duration=2.0, threshold=5.5)))
     assert 5.5 in found["shape"].threshold
     assert 5.5 not in found["density"].threshold
@@ -120,7 +120,7 @@ def parabola(middle, gain=100.0, points=10):
     return Curve("shape", points, 0.0, threshold, aicc, 0.0 * aicc, count)
 
 
-def test_the_choice_is_the_least_mean_loss_whatever_the_size_of_a_window():
+def test_choice_has_the_least_mean_loss():
     curves = [parabola(0.1), parabola(1.0), parabola(10.0, gain=1e6, points=10**6)]
     found = choose(curves, present=100.0)
     assert found.threshold == 1.0 and found.windows == 3
@@ -130,7 +130,7 @@ def test_the_choice_is_the_least_mean_loss_whatever_the_size_of_a_window():
     assert not found.at_end
 
 
-def test_thresholds_that_only_one_window_has_tried_count_for_all():
+def test_choice_interpolates_losses_between_thresholds():
     finer = parabola(1.0)
     rows = [0, 2, 4]
     coarse = Curve(
@@ -142,5 +142,5 @@ def test_thresholds_that_only_one_window_has_tried_count_for_all():
     assert choose([coarse, parabola(0.1), parabola(0.1)], 1.0).threshold == 0.1
 
 
-def test_a_minimum_at_the_end_of_the_thresholds_is_told():
+def test_minimum_at_an_end_is_reported():
     assert choose([parabola(1.0), parabola(100.0)], 1.0).at_end
