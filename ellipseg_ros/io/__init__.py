@@ -1,5 +1,5 @@
-"""Points in, segments out: ROS messages, bags, cloud files; each one a source of sweeps.
+"""Reading of bags and cloud files as sweeps, and writing of messages, bags and files.
 
-Messages are written as the bytes of their serialized form (CDR): a publisher takes them, a bag
-takes them, and numpy makes them in bulk. So nothing here needs the generated message classes.
+Messages are written in their serialized form (CDR), which publishers and bags accept and numpy
+produces in bulk. So nothing here needs the generated message classes.
 """

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, whatever stops the writing."""
+"""Atomic writing: a file is complete or absent, even if writing is interrupted."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,7 +9,7 @@ from ellipseg_ros.errors import InputError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to, which takes the place of `path` if all goes well and else vanishes.
+    """Yield a temporary path that replaces `path` at the end, or is removed after an error.
 
     Raises InputError if the file can't be written.
     """
@@ -20,11 +20,11 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"{path} can't be written: {error.strerror or error}", "write") from error
     finally:
-        with suppress(OSError):  # where nothing can be, nothing is
+        with suppress(OSError):  # the folder may not exist
             part.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file of text; InputError if that can't be done."""
+    """Write a text file; raises InputError if it can't be written."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")

@@ -1,8 +1,8 @@
 """Bags of ROS 1 and ROS 2, read and written without ROS.
 
-rosbags: pure Python, maintained by its authors since 2020, reads ROS 1 bags, sqlite3 and mcap.
-Its Readers are used rather than its AnyReader, which gives up on a bag if it can't understand the
-definition of any of its types, and PointCloud2 is the same in every ROS.
+rosbags: pure Python, maintained since 2020, reads ROS 1 bags, sqlite3 and mcap. Its Readers are
+used, not its AnyReader, which fails if it can't parse the definition of any type in the bag;
+PointCloud2 is the same in every ROS.
 """
 
 import shutil
@@ -35,11 +35,11 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 
 
 class BagSweeps:
-    """The clouds of one topic of a bag, in the order of the bag; may be iterated again and again.
+    """The clouds of one topic of a bag, in the order of the bag; may be iterated several times.
 
     path: a .bag of ROS 1; a bag folder of ROS 2; or one .mcap or .db3 file of it.
-    topic: of type PointCloud2; may be left out if the bag has only one such topic.
-    Raises InputError, at once or while iterating, if the bag or one of its clouds can't be read.
+    topic: of type PointCloud2; may be empty if the bag has only one such topic.
+    Raises InputError, here or during iteration, if the bag or a cloud can't be read.
     """
 
     def __init__(self, path: Path, topic: str = "") -> None:
@@ -75,42 +75,42 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[bytes, Any]]:
     """Yield the messages of one of the node's topics from a ROS 2 bag: as bytes, and decoded."""
     with _opened(_storage(path)) as reader:
         chosen = [c for c in reader.connections if c.topic == topic]
-        if not chosen:  # which to rosbags would mean all
+        if not chosen:  # no connections mean all of them to rosbags
             return
         for connection, _, raw in reader.messages(chosen):
             yield bytes(raw), node_types().deserialize_cdr(raw, connection.msgtype)
 
 
 def is_bag(path: Path) -> bool:
-    """Whether the path looks like a bag, by its suffix or by what the folder holds."""
-    return path.suffix in SUFFIXES or (path.is_dir() and bool(_parts(path)))
+    """Whether a path is a bag by its suffix, or by the files in the folder."""
+    return path.suffix in SUFFIXES or (path.is_dir() and bool(_bag_files(path)))
 
 
-def _parts(folder: Path) -> list[Path]:
+def _bag_files(folder: Path) -> list[Path]:
     """The storage files of a bag folder, and its metadata."""
     return sorted(p for p in folder.iterdir() if p.suffix in SUFFIXES or p.name == "metadata.yaml")
 
 
 def _storage(path: Path) -> Path:
-    """What rosbags is to open: `path`, or the one storage file of a folder without metadata."""
+    """The path for rosbags: `path`, or the only storage file of a folder without metadata."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
-    parts = _parts(path)
-    if len(parts) != 1:
+    files = _bag_files(path)
+    if len(files) != 1:
         raise InputError(
-            f"{path} has no metadata.yaml, and {len(parts) or 'no'} storage files; "
-            "`ros2 bag reindex` makes it whole, or give one of the files",
+            f"{path} has no metadata.yaml, and {len(files) or 'no'} storage files; "
+            "run `ros2 bag reindex`, or give one of the files",
             "bad_bag",
         )
-    return parts[0]
+    return files[0]
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Reader1 | Reader2]:
-    """A reader of the bag; whatever fails in it becomes one line.
+    """A reader of the bag; raises InputError, in one line, for any error of its own.
 
-    rosbags' errors have no common base, and damaged data raise those of struct, lz4 and sqlite3,
-    hence every Exception. Nothing of the consumer's is caught: a generator doesn't see that.
+    The errors of rosbags have no common base, and damaged data raise those of struct, lz4 and
+    sqlite3, hence `Exception`. Errors of the consumer are not raised in a generator.
     """
     try:
         with (Reader1 if path.suffix == ".bag" else Reader2)(path) as reader:
@@ -126,19 +126,19 @@ def _opened(path: Path) -> Iterator[Reader1 | Reader2]:
 
 
 def _choose(path: Path, connections: list[Connection], topic: str) -> str:
-    """The topic to read; InputError lists what there is."""
+    """The topic to read; InputError lists the topics of the bag."""
     clouds = sorted({c.topic for c in connections if c.msgtype == CLOUD})
     listed = ", ".join(clouds)
     if not clouds:
-        every = ", ".join(sorted({c.topic for c in connections})) or "no topic"
-        raise InputError(f"{path} has no topic of type PointCloud2; it has {every}", "no_topic")
+        topics = ", ".join(sorted({c.topic for c in connections})) or "no topic"
+        raise InputError(f"{path} has no topic of type PointCloud2; it has {topics}", "no_topic")
     if topic:
-        wanted = f"/{topic.lstrip('/')}"
-        if wanted not in clouds:
+        name = f"/{topic.lstrip('/')}"
+        if name not in clouds:
             raise InputError(
-                f"{path} has no PointCloud2 topic {wanted}; it has {listed}", "no_topic"
+                f"{path} has no PointCloud2 topic {name}; it has {listed}", "no_topic"
             )
-        return wanted
+        return name
     if len(clouds) > 1:
         raise InputError(
             f"{path} has several PointCloud2 topics; choose one: {listed}", "no_topic"
@@ -150,21 +150,21 @@ def _choose(path: Path, connections: list[Connection], topic: str) -> str:
 
 
 class BagSink:
-    """Writes a ROS 2 bag (mcap, zstd) with the node's topics; a context manager.
+    """Writes a ROS 2 bag (mcap, zstd) with the topics of the node; a context manager.
 
-    The bag is whole after every update, for whoever is killed; one whose `with` block ends by an
-    exception is removed. Raises InputError if the path exists or can't be written.
+    The bag is complete after every update, even if the process is killed. It is removed if the
+    `with` block raises. Raises InputError if the path exists or can't be written.
     """
 
     def __init__(self, path: Path, config: NodeConfig | None = None) -> None:
         if path.exists():
-            raise InputError(f"{path} exists already; give a bag that is to be made", "exists")
+            raise InputError(f"{path} exists already; give a new path", "exists")
         self.path = path
         self._messages = UpdateMessages(config or NodeConfig())
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> "BagSink":
-        with self._one_line():
+        with self._file_errors():
             self._writer = BagWriter(self.path)
         return self
 
@@ -173,7 +173,7 @@ class BagSink:
             self._remove()
             return
         try:
-            with self._one_line():
+            with self._file_errors():
                 self._writer.close()
         except BaseException:
             self._remove()
@@ -184,28 +184,28 @@ class BagSink:
         shutil.rmtree(self.path, ignore_errors=True)
 
     def write_points(self, sweep: Sweep) -> None:
-        """An input cloud, on /points."""
+        """Write an input cloud, on /points."""
         self.write(f"/{POINTS.name}", sweep.stamp_ns, write_sweep(sweep))
 
-    def write_update(self, found: Segmentation) -> None:
-        """What the node publishes of one update, at the time of its newest point."""
-        for topic, write in self._messages.writers(found).items():
-            self.write(f"/{topic.name}", found.end_ns, write())
+    def write_update(self, segmentation: Segmentation) -> None:
+        """Write the messages of an update, at the time of its newest point."""
+        for topic, write in self._messages.writers(segmentation).items():
+            self.write(f"/{topic.name}", segmentation.end_ns, write())
 
     def write(self, topic: str, time_ns: int, message: bytes) -> None:
-        """A serialized message of one of the BAG_TOPICS."""
-        with self._one_line():
+        """Write a serialized message of one of the BAG_TOPICS."""
+        with self._file_errors():
             if topic not in self._connections:
                 self._connections[topic] = self._writer.add_connection(
                     topic, BAG_TOPICS[topic].type, node_types()
                 )
-            # A bag knows no time before 0, which own times of points can lead to.
+            # Times in a bag are not negative, but those of points may be.
             self._writer.write(self._connections[topic], max(0, time_ns), message)
             if topic == f"/{SEGMENTS.name}":  # the last of an update
                 self._writer.end_update()
 
     @contextmanager
-    def _one_line(self) -> Iterator[None]:
+    def _file_errors(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
@@ -236,10 +236,10 @@ def node_types() -> Typestore:
 
 
 def msg_folder(package: Path) -> Path:
-    """msg/ of the checkout, or of the installation: below the prefix that the package is in."""
+    """The folder of the .msg files: of the checkout, or below the prefix of the installation."""
     prefixes = [*package.parents[:5], Path(sys.prefix)]
-    places = [package.parent / "msg", *(p / "share/ellipseg_ros/msg" for p in prefixes)]
-    for place in places:
-        if (place / "SegmentArray.msg").exists():
-            return place
-    raise InputError("the .msg files of ellipseg_ros are not installed; install it anew", "no_msg")
+    folders = [package.parent / "msg", *(p / "share/ellipseg_ros/msg" for p in prefixes)]
+    for folder in folders:
+        if (folder / "SegmentArray.msg").exists():
+            return folder
+    raise InputError("the .msg files of ellipseg_ros are missing; install it again", "no_msg")

@@ -1,4 +1,4 @@
-"""Colours that messages and pictures share: one per segment id, one per shape."""
+"""Colours of segment ids and of shapes, for messages and pictures."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ GOLDEN = 0.618033988749895  # steps of the golden ratio keep successive hues far
 
 
 def id_colours(ids: Array) -> Array:
-    """A bright colour per id, the same in every update and every run.
+    """A bright colour per id, equal in all updates and runs.
 
     ids: (n,) unsigned integers, 0 = no segment, which is grey. Returns (n, 3) uint8 RGB.
     """
@@ -23,17 +23,17 @@ def id_colours(ids: Array) -> Array:
 
 
 def shape_colours(planarity: Array, cylindricality: Array, sphericity: Array) -> Array:
-    """The paper's figure 3: red = cylinder, green = sphere, blue = plane.
+    """Colours of the paper's figure 3: red = cylinder, green = sphere, blue = plane.
 
-    Shares of (n,) each, adding to 1. Returns (n, 3) float64 RGB in 0...1: square roots, so that
-    the mixtures are not dark.
+    Shares (n,) each, which add to 1. Returns (n, 3) float64 RGB in 0...1, as square roots, so that
+    mixtures are not dark.
     """
     shares = np.column_stack([cylindricality, sphericity, planarity])
     return np.asarray(np.sqrt(np.clip(shares, 0.0, 1.0)))
 
 
 def _rgb(hue: Array, saturation: Array, value: Array) -> Array:
-    """(n,) each in 0...1 -> (n, 3): the usual formula of HSV, for arrays."""
+    """HSV, (n,) each in 0...1, to RGB (n, 3)."""
     sector = np.mod(hue[:, None] * 6.0 + np.array([5.0, 3.0, 1.0]), 6.0)
     dip = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
     return np.asarray(value[:, None] * (1.0 - saturation[:, None] * dip))

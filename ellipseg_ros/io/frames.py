@@ -1,4 +1,4 @@
-"""Whether a frame moves with the vehicle, going by its name."""
+"""Detection of sensor frames by their names."""
 
 import re
 
@@ -16,8 +16,8 @@ def looks_like_a_sensor(frame_id: str) -> bool:
 
 
 def warning(frame_id: str) -> str:
-    """What to say of clouds in a frame that looks like a sensor's."""
+    """The warning about clouds in a frame that is probably that of a sensor."""
     return (
-        f"THE CLOUDS ARE IN FRAME {frame_id!r}, WHICH LOOKS LIKE A SENSOR'S: registered clouds "
-        "are expected, in a fixed frame such as odom; else a window of a moving sensor is smeared"
+        f"THE CLOUDS ARE IN FRAME {frame_id!r}, PROBABLY THAT OF A SENSOR: registered clouds are "
+        "expected, in a fixed frame such as odom; a moving sensor smears the window"
     )

@@ -1,7 +1,7 @@
-"""Maps of landmarks as files: format 1, a .npz without pickled objects.
+"""Files of landmark maps: format version 1, an NPZ without pickled objects.
 
 `format` (text), `version` (integer), `frame_id` (text), `next_id` (integer), `last_seen_ns`, and
-the arrays of Landmarks by their names, as data.py describes them. Numbers of a landmark are in m
+the arrays of Landmarks by their names, see records.py. Numbers of a landmark are in m
 and rad, in the frame `frame_id`.
 """
 
@@ -18,15 +18,12 @@ from ellipseg_ros.records import Array, Landmarks
 
 FORMAT = "ellipseg_ros landmark map"
 VERSION = 1
-LARGEST = 512 * 1024 * 1024  # bytes when unpacked: half a million landmarks
+MAX_UNPACKED_BYTES = 512 * 1024 * 1024  # half a million landmarks
 NAMES = ("format", "version", "frame_id", "next_id", "last_seen_ns", *ROW_SHAPES)
 
 
 def write_map(path: Path, stored: StoredMap) -> None:
-    """Write a map; a file that is there is replaced at once, or not at all.
-
-    Raises InputError if that cannot be done.
-    """
+    """Write a map, atomically. Raises InputError if the file can't be written."""
     values: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -40,9 +37,9 @@ def write_map(path: Path, stored: StoredMap) -> None:
 
 
 def read_map(path: Path) -> StoredMap:
-    """Read a map. Raises InputError, in one line, for what is none."""
+    """Read a map. Raises InputError, in one line, if the file is not a valid map."""
     try:
-        check_archive(path, LARGEST)
+        check_archive(path, MAX_UNPACKED_BYTES)
         with np.load(path, allow_pickle=False) as file:
             values = {name: file[name] for name in NAMES if name in file.files}
     except FileNotFoundError as error:

@@ -1,4 +1,4 @@
-"""The time of each point, from the field that lidar drivers put it in."""
+"""Times of single points, from the fields of lidar drivers."""
 
 from typing import Any
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from ellipseg_ros.records import SECOND, Array
 
-FARTHEST_NS = 10 * SECOND  # from the stamp; a field that says more is no time, or another clock's
-NEVER = -4 * 10**18  # ns: stands for NaN and for what int64 can't hold
+MAX_OFFSET_NS = 10 * SECOND  # from the stamp; larger values are no times, or of another clock
+INVALID_NS = -4 * 10**18  # for NaN and values beyond int64
 
 OFFSET = "offset_time"  # ns from the stamp, of any type: Livox, and what this package writes
 NAMES = (OFFSET, "t", "time", "timestamp", "time_stamp", "time_offset")
@@ -16,7 +16,7 @@ NAMES = (OFFSET, "t", "time", "timestamp", "time_stamp", "time_offset")
 def time_offsets(fields: Array, stamp_ns: int) -> Array:
     """Nanoseconds from the stamp to every point: (n,) structured -> (n,) int64.
 
-    The first field with one of the NAMES counts. Its type says how it is meant, as with drivers:
+    The first field with one of the NAMES is used. Its type decides its meaning, as in drivers:
 
     - integers of 32 or 64 bits: ns from the stamp (Ouster `t`, Livox `offset_time`, Autoware
       `time_stamp`), or else the time itself in ns;
@@ -24,15 +24,15 @@ def time_offsets(fields: Array, stamp_ns: int) -> Array:
     - float64: the time itself in s (Hesai, RoboSense `timestamp`) or in ns (Livox `timestamp`), or
       else s from the stamp.
 
-    The first meaning that puts at least half of the points within 10 s of the stamp is taken.
-    Points whose own time is farther off or NaN have the time of the stamp, offset 0; so have all
-    if no meaning fits, or if there is no such field. No cloud is refused for its times.
+    The first meaning with at least half of the points within 10 s of the stamp is used. Points
+    with other times or NaN get the time of the stamp, offset 0, and so do all points if no meaning
+    fits or there is no such field. No cloud is refused because of its times.
     """
     layout = fields.dtype
     name = next((n for n in NAMES if n in (layout.names or ()) and _is_time(layout[n])), "")
     if name:
         for offsets in _meanings(fields[name], stamp_ns, relative=name == OFFSET):
-            near = (-FARTHEST_NS <= offsets) & (offsets <= FARTHEST_NS)  # |-2^63| is -2^63
+            near = (-MAX_OFFSET_NS <= offsets) & (offsets <= MAX_OFFSET_NS)  # |-2^63| is -2^63
             if 2 * np.count_nonzero(near) >= len(offsets):
                 return np.where(near, offsets, 0)
     return np.zeros(len(fields), np.int64)
@@ -43,7 +43,7 @@ def _is_time(kind: np.dtype[Any]) -> bool:
 
 
 def _meanings(values: Array, stamp_ns: int, relative: bool) -> list[Array]:
-    """What the values may mean, the likeliest first: (n,) int64 each, ns from the stamp."""
+    """Possible meanings of the values, most likely first: (n,) int64 each, ns from the stamp."""
     if values.dtype.kind in "iu":
         ns = values.astype(np.int64)
         return [ns, ns - stamp_ns]
@@ -58,4 +58,4 @@ def _meanings(values: Array, stamp_ns: int, relative: bool) -> list[Array]:
 def _nanoseconds(values: Array, unit: float) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         ns = np.rint(values.astype(np.float64) * unit)
-    return np.where(np.abs(ns) < -NEVER, ns, NEVER).astype(np.int64)
+    return np.where(np.abs(ns) < -INVALID_NS, ns, INVALID_NS).astype(np.int64)

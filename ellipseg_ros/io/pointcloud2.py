@@ -1,7 +1,7 @@
-"""sensor_msgs/PointCloud2 <-> arrays.
+"""Conversion between sensor_msgs/PointCloud2 and arrays.
 
-Reading takes any object with the message's fields, be it rclpy's or rosbags'. sensor_msgs_py is no
-help here: it ignores row padding, treats NaN by `is_dense`, and is not on PyPI.
+Messages may be of rclpy or of rosbags. sensor_msgs_py is not used: it ignores row padding, treats
+NaN by `is_dense`, and is not on PyPI.
 """
 
 from typing import Any, TypeAlias
@@ -21,22 +21,22 @@ Layout: TypeAlias = np.dtype[Any]
 # PointField's numbers for types.
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 NUMBERS = {kind: number for number, kind in TYPES.items()}
-SPARE = 1.25  # times the bytes of its points that a message may have, and be kept as it is
-PADDING = ("", "_")  # names that PCL gives to gaps
-OURS = ("label", "rgb", "object")  # fields that the node adds; an input's own become input_...
-LARGEST = 2**32 - 1  # bytes of data in a message
-FLOAT32_LOSS = 1e-3  # m: output points that float32 would move by more are float64
+MAX_UNUSED_RATIO = 1.25  # bytes of a message to bytes of its points, above which it is copied
+PADDING = ("", "_")  # names of gaps in PCL
+OUTPUT_FIELDS = ("label", "rgb", "object")  # input fields with these names become input_...
+MAX_DATA_BYTES = 2**32 - 1  # of a message
+MAX_ROUNDING = 1e-3  # m: output coordinates with a larger error in float32 are float64
 
 
 # --- reading ---------------------------------------------------------------------------------
 
 
 def read_sweep(msg: Any) -> Sweep:
-    """The points of a PointCloud2, row by row; InputError says in one line why it can't be.
+    """The points of a PointCloud2, row by row; InputError, in one line, if it is invalid.
 
-    `points` are its x, y, z as float64, NaN kept. `fields` has the message's names, offsets and
-    point_step, in the byte order of this machine, and shares the message's memory where it can.
-    Per-point times: see times.py.
+    `points` are its x, y, z as float64, including NaN. `fields` has the names, offsets and
+    point_step of the message, in native byte order, and shares its memory if possible.
+    Times of points: see point_times.py.
     """
     stamp_ns = read_stamp(msg.header.stamp)
     frame_id = msg.header.frame_id
@@ -67,15 +67,15 @@ def read_fields(msg: Any) -> Array:
     data = memoryview(msg.data).cast("B")
     rows = np.ndarray((msg.height, width), layout, data, strides=(row_step, msg.point_step))
     fields = as_native(rows.reshape(count))
-    # What is kept of a message are its points, and not what else it may carry.
-    return fields.copy() if len(data) > SPARE * count * msg.point_step else fields
+    # Do not keep a large message alive for few points.
+    return fields.copy() if len(data) > MAX_UNUSED_RATIO * count * msg.point_step else fields
 
 
 def xyz(fields: Array) -> Array:
     """Coordinates of structured points as (n, 3) float64, m."""
     points = np.empty((len(fields), 3))
     for column, name in enumerate("xyz"):
-        with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+        with np.errstate(invalid="ignore"):  # signalling NaN
             np.multiply(fields[name], 1.0, out=points[:, column])
     return points
 
@@ -85,10 +85,10 @@ def as_native(fields: Array) -> Array:
     native = fields.dtype.newbyteorder("=")
     if fields.dtype == native:
         return fields
-    turned = np.zeros(len(fields), native)
+    converted = np.zeros(len(fields), native)
     for name in native.names or ():
-        turned[name] = fields[name]
-    return turned
+        converted[name] = fields[name]
+    return converted
 
 
 def _layout(msg: Any, count: int) -> Layout:
@@ -107,7 +107,7 @@ def _layout(msg: Any, count: int) -> Layout:
                 f"the cloud has two fields named {field.name!r}; names must differ", "field_twice"
             )
         kind = _kind(field)
-        number = max(field.count, 1)  # some publishers say 0 and mean 1
+        number = max(field.count, 1)  # some publishers write 0 for 1
         size = number * np.dtype(kind).itemsize
         end = field.offset + size
         if end > (msg.point_step if count else MAX_FIELDS_BYTES):
@@ -116,10 +116,10 @@ def _layout(msg: Any, count: int) -> Layout:
                 f"{msg.point_step}; it must end within",
                 "point_step",
             )
-        total += size  # fields that overlap are apart as soon as clouds are joined
+        total += size  # overlapping fields are separated when clouds are joined
         if total > MAX_FIELDS_BYTES:
             raise InputError(
-                f"the fields of a point hold more than {MAX_FIELDS_BYTES} bytes; that is the most",
+                f"the fields of a point hold more than {MAX_FIELDS_BYTES} bytes, the maximum",
                 "fields",
             )
         names.append(field.name)
@@ -140,7 +140,7 @@ def _kind(field: Any) -> str:
 
 
 def check_xyz(layout: Layout) -> None:
-    """Raise InputError unless x, y and z are among the fields, and floating-point numbers."""
+    """Raise InputError unless there are fields x, y and z of floating-point numbers."""
     names = layout.names or ()
     missing = [name for name in "xyz" if name not in names]
     if missing:
@@ -178,70 +178,68 @@ def _check_size(msg: Any, row_step: int) -> None:
 # --- writing ---------------------------------------------------------------------------------
 
 
-def write_labelled(found: Segmentation) -> bytes:
-    """The window's points as a serialized PointCloud2: what came in, plus our own fields.
-
-    See labelled_fields. All points are there: segmented, isolated, rejected and thinned ones.
-    """
-    return write_cloud(labelled_fields(found), found.end_ns, found.frame_id)
+def write_labelled(segmentation: Segmentation) -> bytes:
+    """All points of the window as a serialized PointCloud2, with the fields of labelled_fields."""
+    return write_cloud(labelled_fields(segmentation), segmentation.end_ns, segmentation.frame_id)
 
 
 def write_sweep(sweep: Sweep) -> bytes:
     """A sweep as a serialized PointCloud2 that read_sweep reads as the same sweep.
 
-    Times that its own fields don't tell are appended as `offset_time` (float64, ns).
+    Times that are not in its fields are appended as `offset_time` (float64, ns).
     """
-    fields = with_xyz(sweep.points, sweep.fields, loss=0.0)
+    fields = with_xyz(sweep.points, sweep.fields, max_rounding=0.0)
     if not np.array_equal(time_offsets(fields, sweep.stamp_ns), sweep.offsets_ns):
         fields = append_fields(fields, {OFFSET: sweep.offsets_ns.astype(np.float64)}, (OFFSET,))
     return write_cloud(fields, sweep.stamp_ns, sweep.frame_id)
 
 
-def labelled_fields(found: Segmentation) -> Array:
-    """The input's fields at their places, then `label`, `object`, `rgb`: (n,) structured.
+def labelled_fields(segmentation: Segmentation) -> Array:
+    """The input fields at their offsets, then `label`, `object`, `rgb`: (n,) structured.
 
-    label, object: uint32 ids of the point's segment and object, 0 for none. rgb: as PCL and RViz
-    have it, the bytes of 0x00RRGGBB typed as float32. An input field with a name of ours becomes
+    label, object: uint32 ids of the point's segment and object, 0 for none. rgb: like in PCL and
+    RViz, the bytes of 0x00RRGGBB as float32. An input field with one of these names becomes
     input_...
     """
-    red, green, blue = id_colours(np.append(found.ids, 0)).astype(np.uint32).T
+    red, green, blue = id_colours(np.append(segmentation.ids, 0)).astype(np.uint32).T
     packed = (red << 16 | green << 8 | blue).view(np.float32)
     added = {
-        "label": found.point_ids,
-        "object": found.point_object_ids,
-        "rgb": packed[np.maximum(found.labels, -1)],
+        "label": segmentation.point_ids,
+        "object": segmentation.point_object_ids,
+        "rgb": packed[np.maximum(segmentation.labels, -1)],
     }
-    return append_fields(with_xyz(found.points, found.fields, FLOAT32_LOSS), added, OURS)
+    fields = with_xyz(segmentation.points, segmentation.fields, MAX_ROUNDING)
+    return append_fields(fields, added, OUTPUT_FIELDS)
 
 
-def with_xyz(points: Array, fields: Array | None, loss: float) -> Array:
-    """`fields` in types that PointField knows; if they lack x, y, z, those in front.
+def with_xyz(points: Array, fields: Array | None, max_rounding: float) -> Array:
+    """`fields` in types of PointField, with x, y, z in front if they lack them.
 
-    New coordinates are float32, or float64 where float32 would be off by more than `loss` m.
+    New coordinates are float32, or float64 if float32 has an error of more than `max_rounding` m.
     """
     names = () if fields is None else fields.dtype.names or ()
     if fields is not None and all(name in names for name in "xyz"):
-        return _carriable(fields)
+        return _point_field_types(fields)
     finite = points[np.isfinite(points).all(axis=1)]
     with np.errstate(over="ignore"):
         moved = np.abs(finite - finite.astype(np.float32))
-    kind = "f8" if moved.max(initial=0.0) > loss else "f4"
+    kind = "f8" if moved.max(initial=0.0) > max_rounding else "f4"
     base = np.zeros(len(points), [(name, kind) for name in "xyz"])
     for column, name in enumerate("xyz"):
         with np.errstate(over="ignore"):
             base[name] = points[:, column]
     if fields is None:
         return base
-    return append_fields(base, {name: _carriable(fields)[name] for name in names}, ())
+    return append_fields(base, {name: _point_field_types(fields)[name] for name in names}, ())
 
 
 def append_fields(fields: Array, added: dict[str, Array], reserved: tuple[str, ...]) -> Array:
-    """Put columns behind the fields that are there; those with a reserved name become input_..."""
-    old = places(fields.dtype)
+    """Append columns to fields; fields with a reserved name become input_..."""
+    old = field_layout(fields.dtype)
     names = list(old)
     for name in reserved:
         if name in names:
-            names[names.index(name)] = _free_name(name, names)
+            names[names.index(name)] = _unused_name(name, names)
     formats: list[Any] = [kind for kind, _ in old.values()]
     offsets = [place for _, place in old.values()]
     size = end = fields.dtype.itemsize
@@ -254,15 +252,15 @@ def append_fields(fields: Array, added: dict[str, Array], reserved: tuple[str, .
         end += kind.itemsize
     end += -end % 4
     layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
-    grown = np.zeros(len(fields), layout)
-    # As bytes: field by field would be slower, and lose what lies between them.
-    as_bytes(grown)[:, :size] = as_bytes(np.ascontiguousarray(fields))
+    extended = np.zeros(len(fields), layout)
+    # As bytes: field by field is slower, and loses the gaps between fields.
+    as_bytes(extended)[:, :size] = as_bytes(np.ascontiguousarray(fields))
     for name, column in added.items():
-        grown[name] = column
-    return grown
+        extended[name] = column
+    return extended
 
 
-def places(layout: Layout) -> dict[str, tuple[Layout, int]]:
+def field_layout(layout: Layout) -> dict[str, tuple[Layout, int]]:
     """Type and offset of every field."""
     return {name: (kind, place) for name, (kind, place, *_) in (layout.fields or {}).items()}
 
@@ -272,24 +270,26 @@ def as_bytes(fields: Array) -> Array:
     return fields.view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
 
 
-def _free_name(name: str, taken: list[str]) -> str:
+def _unused_name(name: str, taken: list[str]) -> str:
     while name in taken:
         name = f"input_{name}"
     return name
 
 
-def _carriable(fields: Array) -> Array:
-    """The fields, those of a type that PointField lacks in the next one that it has."""
-    kinds = {name: _carried(name, fields.dtype[name]) for name in fields.dtype.names or ()}
+def _point_field_types(fields: Array) -> Array:
+    """The fields, with types that PointField lacks replaced by the next wider one."""
+    kinds = {
+        name: _point_field_type(name, fields.dtype[name]) for name in fields.dtype.names or ()
+    }
     if all(fields.dtype[name] == kind for name, kind in kinds.items()):
         return fields
-    carried = np.zeros(len(fields), list(kinds.items()))
+    converted = np.zeros(len(fields), list(kinds.items()))
     for name in kinds:
-        carried[name] = fields[name]
-    return carried
+        converted[name] = fields[name]
+    return converted
 
 
-def _carried(name: str, kind: Layout) -> Layout:
+def _point_field_type(name: str, kind: Layout) -> Layout:
     """bool -> uint8, float16 -> float32, 64-bit integers -> float64 (exact up to 2^53)."""
     base = kind.base.newbyteorder("=")
     if base.str[1:] in NUMBERS:
@@ -305,16 +305,17 @@ def _carried(name: str, kind: Layout) -> Layout:
 def write_cloud(fields: Array, stamp_ns: int, frame_id: str) -> bytes:
     """Structured points with x, y, z as a serialized PointCloud2, little-endian, one row."""
     fields = np.ascontiguousarray(fields)
-    if fields.nbytes > LARGEST:
+    if fields.nbytes > MAX_DATA_BYTES:
         raise InputError(
-            f"{len(fields)} points take {fields.nbytes} bytes; a message holds {LARGEST}", "bytes"
+            f"{len(fields)} points take {fields.nbytes} bytes; a message holds {MAX_DATA_BYTES}",
+            "bytes",
         )
     out = Cdr()
     out.header(stamp_ns, frame_id)
     out.put("II", 1, len(fields))
     layout = fields.dtype
     out.put("I", len(layout.names or ()))
-    for name, (kind, place) in places(layout).items():
+    for name, (kind, place) in field_layout(layout).items():
         out.text(name)
         out.put("IBI", place, NUMBERS[kind.base.str[1:]], int(np.prod(kind.shape, dtype=int)))
     out.put("?II", False, layout.itemsize, layout.itemsize * len(fields))

@@ -1,4 +1,4 @@
-"""Everything that sweeps come from, opened by one call."""
+"""Sources of sweeps: bags, cloud files and simulated scenes."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ SUPPORTED = (
 
 @dataclass(frozen=True)
 class Source:
-    """Sweeps from wherever: iterate it, again and again, and get the same ones."""
+    """A source of sweeps, which may be iterated several times."""
 
-    name: str  # short, fit for a file name
+    name: str  # short, usable in file names
     frame_id: str  # of the first sweep
     count: int | None  # sweeps, if known
     duration: float | None  # s of sensor time, if known
@@ -37,9 +37,9 @@ def open_source(spec: str | Path, topic: str = "", **scene: Any) -> Source:
     """Open a bag, a cloud file or a simulated scene.
 
     spec: a path, or "sim:industrial" and the like.
-    topic: of the clouds, if the bag has several.
-    scene: settings of a simulated scene, as in simulator.Scene: seed, duration, ...
-    Raises InputError, in one line, if there is nothing to read; ConfigError for a wrong setting.
+    topic: of the clouds, if a bag has several.
+    scene: settings of a simulated scene, fields of simulator.Scene: seed, duration, ...
+    Raises InputError, in one line, if the source can't be read, ConfigError for a wrong setting.
     """
     text = str(spec)
     if text.startswith(SIMULATED):
@@ -53,7 +53,7 @@ def open_source(spec: str | Path, topic: str = "", **scene: Any) -> Source:
     if path.suffix.lower() in FORMATS and path.is_file():
         cloud = CloudSweeps(path)
         return Source(_name(path), cloud.frame_id, cloud.count, cloud.duration, cloud)
-    raise InputError(f"{text} is nothing that can be read; it must be {SUPPORTED}", "suffix")
+    raise InputError(f"{text} has no readable format; it must be {SUPPORTED}", "suffix")
 
 
 def _simulated(name: str, settings: dict[str, Any]) -> Source:

@@ -238,6 +238,6 @@ def test_a_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch
     path = tmp_path / "map.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("position.npy", bytes(2_000_000))
-    monkeypatch.setattr(map_file, "LARGEST", 1_000_000)
+    monkeypatch.setattr(map_file, "MAX_UNPACKED_BYTES", 1_000_000)
     with pytest.raises(InputError, match="unpacks to 2000000 bytes"):
         read_map(path)

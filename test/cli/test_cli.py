@@ -175,7 +175,7 @@ def test_the_shipped_parameter_file_is_the_defaults(run, bag):
 
 ERRORS = {
     "missing file": (["segment", "nowhere.mcap"], "there is no nowhere.mcap"),
-    "unknown suffix": (["segment", "words.txt"], "nothing that can be read"),
+    "unknown suffix": (["segment", "words.txt"], "has no readable format"),
     "truncated bag": (["segment", "short.mcap"], "can't be read as a bag"),
     "empty bag": (["segment", "empty.mcap"], "can't be read as a bag"),
     "wrong topic": (["segment", "yard", "--topic", "/no"], "it has /points"),
@@ -286,6 +286,6 @@ def test_a_frame_of_a_sensor_is_warned_of(monkeypatch, capsys, frame_id, count, 
     source = Source("drive", frame_id, count, None, [])
     monkeypatch.setattr(sources, "open_source", lambda *_: source)
     assert sources.open_input("drive.mcap", Namespace(quiet=False, json=False)) is source
-    assert ("LOOKS LIKE A SENSOR'S" in capsys.readouterr().err) == warned
+    assert ("PROBABLY THAT OF A SENSOR" in capsys.readouterr().err) == warned
     sources.open_input("drive.mcap", Namespace(quiet=False, json=True))
     assert not capsys.readouterr().err

@@ -194,7 +194,7 @@ def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
 
 
 def test_a_message_beyond_four_gigabytes_is_refused_not_begun(monkeypatch):
-    monkeypatch.setattr("ellipseg_ros.io.pointcloud2.LARGEST", 1000)
+    monkeypatch.setattr("ellipseg_ros.io.pointcloud2.MAX_DATA_BYTES", 1000)
     found = Segmenter().process(with_fields(500))
     with pytest.raises(InputError) as error:
         write_labelled(found)

@@ -390,7 +390,7 @@ def test_a_frame_of_a_sensor_is_processed_with_one_warning(node, start):
     stamps = [start, start + 1.0, start + 2.0]
     send(node, *stamps, frame_id="velodyne")
     assert update(node, start + 2.0).segmented > 0
-    assert node.process.said.count("LOOKS LIKE A SENSOR'S") == 1
+    assert node.process.said.count("PROBABLY THAT OF A SENSOR") == 1
     details(node, lambda level, _: level == DiagnosticStatus.WARN)
     send(node, start + 3.0, start + 4.0)  # odom again
     assert update(node, start + 4.0).segmented > 0

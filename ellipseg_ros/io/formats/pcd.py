@@ -10,7 +10,7 @@ import numpy as np
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.formats.common import check_size, damaged, header_lines
-from ellipseg_ros.io.pointcloud2 import places
+from ellipseg_ros.io.pointcloud2 import field_layout
 from ellipseg_ros.records import Array
 
 MAX_VALUES_PER_POINT = 4096  # the library makes a column of each
@@ -30,7 +30,7 @@ def read(path: Path) -> Array:
     names: list[str] = []
     formats: list[Any] = []
     offsets: list[int] = []
-    columns = iter(places(data.dtype).values())
+    columns = iter(field_layout(data.dtype).values())
     for name, count in zip(meta.fields, meta.count, strict=True):
         kind, place = [next(columns) for _ in range(count)][0]  # there is a column per value
         if name.isidentifier():  # the library gives padding, `_`, an odd name
