@@ -108,8 +108,3 @@ def _unite_groups(moments, group, unions):
         else:
             _unite(unions[into], moments[row], unions[into])
             shape(unions, into)
-
-
-def flat(moments: Array) -> Array:
-    """Transitional: moments (n,) as rows (n, 24) of float64."""
-    return moments.view(np.float64).reshape(len(moments), len(_COMPONENTS))

@@ -4,9 +4,9 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.disjoint_set import components
-from ellipseg_ros.core.flat_moments import EIGENVALUES, united
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.members import group_members
+from ellipseg_ros.core.moments import united
 from ellipseg_ros.landmarks.fits import (
     Fits,
     add_to_box,
@@ -27,7 +27,7 @@ CENTRE_ERROR = 0.25  # of the centre, by standard deviation: a blob is not seen 
 def find_blobs(
     points: Array,
     labels: Array,
-    own: Array,
+    moments: Array,
     adjacency: SegmentAdjacency,
     free: Array,
     config: LandmarksConfig,
@@ -35,16 +35,17 @@ def find_blobs(
     """Blobs, and the blob of every point (n,) int32, -1 for none.
 
     They are compact connected components of the segments that are `free` (s,) bool: of no plane
-    and no line. points (n, 3) m, local origin; labels (n,) int32, negative for none; own (s, 24).
+    and no line. points (n, 3) m, local origin; labels (n,) int32: the segment of every point,
+    negative for none; moments (s,): of the segments' points.
     """
     joined = free[adjacency.a] & free[adjacency.b]
-    roots = components(len(own), adjacency.a[joined], adjacency.b[joined])
-    group = np.full(len(own), -1, np.int32)
+    roots = components(len(moments), adjacency.a[joined], adjacency.b[joined])
+    group = np.full(len(moments), -1, np.int32)
     group[free] = np.unique(roots[free], return_inverse=True)[1].reshape(-1)
     count = int(group.max(initial=-1)) + 1
     fits, point_labels = new_fits(count), np.full(len(points), -1, np.int32)
     members = group_members(labels, group, count)
-    _measure(points, members, united(own[free], group[free], count), fits, point_labels)
+    _measure(points, members, united(moments[free], group[free], count), fits, point_labels)
     good = (fits.count >= COUNT_FACTOR * config.min_points) & (fits.passes >= config.min_points)
     good &= fits.sigma[:, 0] <= MAX_SIGMA
     good &= fits.sigma[:, 2] >= MIN_ROUNDNESS * fits.sigma[:, 0]
@@ -52,14 +53,14 @@ def find_blobs(
 
 
 @kernel
-def _measure(points, members, nodes, fits, point_labels):
+def _measure(points, members, moments, fits, point_labels):
     local = np.empty(3)
-    for p in range(len(nodes)):
+    for p in range(len(moments)):
         rows = members.rows[members.starts[p] : members.starts[p + 1]]
         fits.count[p], fits.passes[p] = len(rows), count_passes(rows)
-        set_moments(nodes, p, fits, p)
+        set_moments(moments, p, fits, p)
         for k in range(3):
-            variance = nodes[p, EIGENVALUES + 2 - k]
+            variance = moments[p].eigenvalues[2 - k]
             fits.covariance[p, k, k] = variance * (CENTRE_ERROR**2 + 1.0 / max(1, fits.passes[p]))
         for i in rows:
             add_to_box(points, i, fits, p, local)

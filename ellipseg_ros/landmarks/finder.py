@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
-from ellipseg_ros.core.flat_moments import COUNT
 from ellipseg_ros.core.members import group_boxes, group_members
 from ellipseg_ros.landmarks.blobs import find_blobs
 from ellipseg_ros.landmarks.fits import Fits, concatenate_fits, renumber, select_fits
@@ -27,23 +26,27 @@ class Detections(NamedTuple):
 
 
 def find_landmarks(
-    points: Array, labels: Array, own: Array, adjacency: SegmentAdjacency, config: LandmarksConfig
+    points: Array,
+    labels: Array,
+    moments: Array,
+    adjacency: SegmentAdjacency,
+    config: LandmarksConfig,
 ) -> Detections:
     """Detect the landmarks of a window.
 
     points (n, 3) m, local origin; labels (n,) int32: the segment of every point, negative for
-    none; own (s, 24): moments of the segments' points.
+    none; moments (s,): of the segments' points.
     """
-    segments = len(own)
+    segments = len(moments)
     each = np.arange(segments, dtype=np.int32)
-    planes = find_planes(points, labels, own, adjacency, config)
+    planes = find_planes(points, labels, moments, adjacency, config)
     members = group_members(labels, each, segments)
     around = group_boxes(points, labels, each, segments)
-    lines = find_lines(points, members, own, around, planes.broad, config)
+    lines = find_lines(points, members, moments, around, planes.broad, config)
     taken = lines.taken | (planes.point_labels >= 0)
     share = np.bincount(labels[taken & (labels >= 0)], minlength=segments)
-    free = ~planes.broad & (share < MAX_LINE_SHARE * own[:, COUNT])
-    blobs, blob_labels = find_blobs(points, labels, own, adjacency, free, config)
+    free = ~planes.broad & (share < MAX_LINE_SHARE * moments["count"])
+    blobs, blob_labels = find_blobs(points, labels, moments, adjacency, free, config)
 
     parts = [planes.fits, lines.fits, blobs]
     counts = [len(part.count) for part in parts]

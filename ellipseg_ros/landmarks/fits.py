@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.core.flat_moments import EIGENVALUES, MEAN, V1, V2, V3
 from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, solve
 from ellipseg_ros.records import Array
@@ -72,14 +71,12 @@ def count_passes(rows):
 
 
 @kernel
-def set_moments(nodes, row, fits, which):
-    """Set position, axes and sigma of a fit from the moments in a row of nodes (m, 24)."""
-    for k in range(3):
-        fits.position[which, k] = nodes[row, MEAN + k]
-        fits.sigma[which, k] = np.sqrt(nodes[row, EIGENVALUES + 2 - k])
-        fits.axes[which, k, 0] = nodes[row, V1 + k]
-        fits.axes[which, k, 1] = nodes[row, V2 + k]
-        fits.axes[which, k, 2] = nodes[row, V3 + k]
+def set_moments(moments, row, fits, which):
+    """Set position, axes and sigma of a fit from a row of MOMENTS."""
+    m = moments[row]
+    fits.position[which] = m.mean
+    fits.sigma[which] = np.sqrt(m.eigenvalues[::-1])
+    fits.axes[which, :, 0], fits.axes[which, :, 1], fits.axes[which, :, 2] = m.v1, m.v2, m.v3
 
 
 @inlined

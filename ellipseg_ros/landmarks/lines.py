@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
-from ellipseg_ros.core.flat_moments import COUNT, EIGENVALUES, MEAN, V1
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.members import Boxes, Members
 from ellipseg_ros.landmarks.cylinder import (
@@ -102,43 +101,43 @@ class Line(NamedTuple):
 def find_lines(
     points: Array,
     members: Members,
-    own: Array,
+    moments: Array,
     around: Boxes,
     broad: Array,
     config: LandmarksConfig,
 ) -> Lines:
     """Line landmarks of a window.
 
-    points (n, 3) m, local origin; members: the points of every segment; own (s, 24): their
-    moments; around: their boxes; broad (s,) bool: segments that are no part of lines.
+    points (n, 3) m, local origin; members: the points of every segment; moments (s,):
+    theirs; around: their boxes; broad (s,) bool: segments that are no part of lines.
     Long and thin segments are the seeds, the longest and largest first; all points near the axis
     decide where it lies and how far it extends: as long as the tube around it is free.
     """
-    seeds = _seeds(own, broad)
+    seeds = _seeds(moments, broad)
     centre, half = 0.5 * (around.low + around.high), 0.5 * (around.high - around.low)
     balls = Balls(*members, centre, np.linalg.norm(half, axis=1))
     fits, taper = new_fits(len(seeds)), np.zeros(len(seeds))
     point_labels = np.full(len(points), -1, np.int32)
-    _find_all(points, balls, own, seeds, fits, taper, point_labels)
+    _find_all(points, balls, moments, seeds, fits, taper, point_labels)
     good = (fits.count >= config.min_points) & (2 * fits.passes >= config.min_points)
     good &= fits.box_max[:, 0] - fits.box_min[:, 0] >= MIN_LENGTH
     good &= (np.abs(taper) <= MAX_TAPER) & (fits.roughness <= config.roughness)
     return Lines(select_fits(fits, good), renumber(point_labels, good), point_labels >= 0)
 
 
-def _seeds(own: Array, broad: Array) -> Array:
+def _seeds(moments: Array, broad: Array) -> Array:
     """Segments from which lines may grow, in the order in which they are tried."""
-    thickness, width, length = np.sqrt(own[:, EIGENVALUES : EIGENVALUES + 3]).T
+    thickness, width, length = np.sqrt(moments["eigenvalues"]).T
     seeds = ~broad & ~((width > MIN_SEED_SIGMA) & (thickness < SHEET_THICKNESS))
-    seeds &= (own[:, COUNT] >= MIN_POINTS) & (length >= MIN_SEED_SIGMA)
+    seeds &= (moments["count"] >= MIN_POINTS) & (length >= MIN_SEED_SIGMA)
     seeds &= (length <= MAX_SEED_SIGMA) & (width <= MAX_SEED_WIDTH)
     seeds &= width < MAX_SEED_ASPECT * length
     order = np.flatnonzero(seeds)
-    return order[np.argsort(-own[order, COUNT] * length[order], kind="stable")]
+    return order[np.argsort(-moments["count"][order] * length[order], kind="stable")]
 
 
 @kernel
-def _find_all(points, balls, own, seeds, fits, taper, point_labels):
+def _find_all(points, balls, moments, seeds, fits, taper, point_labels):
     room = np.empty(len(points), np.int64)
     near = np.empty(len(balls.radius), np.int64)
     for which in range(len(seeds)):
@@ -146,10 +145,10 @@ def _find_all(points, balls, own, seeds, fits, taper, point_labels):
         if _taken(balls.rows[balls.starts[seed] : balls.starts[seed + 1]], point_labels):
             continue
         line = Line(np.empty(3), np.empty(3), np.zeros(PARAMETERS), np.zeros(2))
-        count = _grow(points, balls, own, seed, 0.0, near, room, line)
-        strip = own[seed, EIGENVALUES] < STRIP_THICKNESS * STRIP_THICKNESS
+        count = _grow(points, balls, moments, seed, 0.0, near, room, line)
+        strip = moments[seed].e3 < STRIP_THICKNESS * STRIP_THICKNESS
         if strip and (count < MIN_POINTS or line.ends[1] - line.ends[0] < MIN_LENGTH):
-            count = _grow(points, balls, own, seed, MAX_RADIUS, near, room, line)
+            count = _grow(points, balls, moments, seed, MAX_RADIUS, near, room, line)
         rows = room[:count]
         if count < MIN_POINTS or _taken(rows, point_labels):
             continue
@@ -170,17 +169,16 @@ def _taken(rows, point_labels):
 
 
 @kernel
-def _grow(points, balls, own, seed, tube, near, room, line):
+def _grow(points, balls, moments, seed, tube, near, room, line):
     """Let a line grow from a seed; returns how many points, ascending, `room` holds of it.
 
     tube: smallest radius of the first tube, m.
     """
     point, axis, fit, ends = line
-    point[:] = own[seed, MEAN : MEAN + 3]
-    axis[:] = own[seed, V1 : V1 + 3]
+    point[:], axis[:] = moments[seed].mean, moments[seed].v1
     width = _aim(points, balls.rows[balls.starts[seed] : balls.starts[seed + 1]], line)
     inside = min(max(TUBE_SIGMAS * width, MIN_TUBE, tube), MAX_RADIUS)
-    half = END_SIGMAS * math.sqrt(own[seed, EIGENVALUES + 2])
+    half = END_SIGMAS * math.sqrt(moments[seed].e1)
     ends[0], ends[1] = -half, half
     fit[RADIUS] = min(RADIUS_SIGMAS * width, MAX_FIRST_RADIUS)
     close = _near(balls, line, near)

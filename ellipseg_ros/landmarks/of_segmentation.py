@@ -4,7 +4,7 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.ellipsoids import segment_moments
-from ellipseg_ros.core.moments import flat, no_moments
+from ellipseg_ros.core.moments import no_moments
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.landmarks.finder import find_landmarks
 from ellipseg_ros.landmarks.stage import landmark_records
@@ -23,8 +23,8 @@ def landmarks(segmentation: Segmentation, config: LandmarksConfig | None = None)
         raise InputError("the segmentation has no `adjacency`; segment with objects or landmarks")
     points, labels = segmentation.points - segmentation.origin, segmentation.labels
     unknown = np.full(len(segmentation.ellipsoids), -1)
-    own = segment_moments(points, labels, unknown, no_moments())
+    moments = segment_moments(points, labels, unknown, no_moments())
     config = config or LandmarksConfig()
-    found = find_landmarks(points, labels, flat(own), segmentation.adjacency, config)
+    found = find_landmarks(points, labels, moments, segmentation.adjacency, config)
     tracks = LandmarkTracker().follow(segmentation.arrival, found, segmentation.end_ns)
     return landmark_records(found, tracks, labels, segmentation.origin)

@@ -6,18 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
-from ellipseg_ros.core.flat_moments import (
-    COUNT,
-    COVARIANCE,
-    EIGENVALUES,
-    MEAN,
-    V3,
-    set_axes,
-    unite,
-    united,
-)
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.members import Boxes, group_boxes, group_members
+from ellipseg_ros.core.moments import shape, unite, united
 from ellipseg_ros.landmarks.fits import (
     CHUNKS,
     Fits,
@@ -57,30 +48,34 @@ class Planes(NamedTuple):
 
 
 def find_planes(
-    points: Array, labels: Array, own: Array, adjacency: SegmentAdjacency, config: LandmarksConfig
+    points: Array,
+    labels: Array,
+    segments: Array,
+    adjacency: SegmentAdjacency,
+    config: LandmarksConfig,
 ) -> Planes:
     """Plane landmarks of a window.
 
-    points (n, 3) m, local origin; labels (n,) int32, the segments, negative for none; own (s, 24):
-    moments of the segments' points.
+    points (n, 3) m, local origin; labels (n,) int32, the segments, negative for none; segments
+    (s,): moments of their points.
     Adjacent segments that are flat together form parts; coplanar parts near one another form a
     plane. A rough surface must be wide to be a plane: else it is a tile of something round.
     """
-    group = flat_groups(own, adjacency, config.roughness)
-    nodes = united(own, group, int(group.max(initial=-1)) + 1)
-    sigma = np.sqrt(nodes[:, EIGENVALUES : EIGENVALUES + 3])  # ascending
+    group = flat_groups(segments, adjacency, config.roughness)
+    moments = united(segments, group, int(group.max(initial=-1)) + 1)
+    sigma = np.sqrt(moments["eigenvalues"])  # ascending
     flat = (sigma[:, 1] >= MIN_PART_SIGMA) & (sigma[:, 0] < MAX_PART_FLATNESS * sigma[:, 1])
-    flat &= nodes[:, COUNT] >= config.min_points
+    flat &= moments["count"] >= config.min_points
     parts = np.flatnonzero(flat)
-    parts = parts[np.argsort(-nodes[parts, COUNT], kind="stable")]
-    plane_of_group = np.full(len(nodes) + 1, -1, np.int32)
-    around = group_boxes(points, labels, group, len(nodes))
-    plane_of_group[parts] = join_coplanar(nodes[parts], Boxes(*(b[parts] for b in around)))
+    parts = parts[np.argsort(-moments["count"][parts], kind="stable")]
+    plane_of_group = np.full(len(moments) + 1, -1, np.int32)
+    around = group_boxes(points, labels, group, len(moments))
+    plane_of_group[parts] = join_coplanar(moments[parts], Boxes(*(b[parts] for b in around)))
     of_segment = plane_of_group[group]
 
     count = int(of_segment.max(initial=-1)) + 1
     members = group_members(labels, of_segment, count)
-    whole = united(nodes[parts], plane_of_group[parts], count)
+    whole = united(moments[parts], plane_of_group[parts], count)
     fits, kept = new_fits(count), np.zeros(len(members.rows), bool)
     for_parts([(p, p + 1) for p in range(count)], _fit, points, members, whole, fits, kept)
     good = (fits.sigma[:, 1] >= MIN_SIGMA) & (fits.count >= config.min_points)
@@ -92,27 +87,28 @@ def find_planes(
     return Planes(select_fits(fits, good), renumber(point_labels, good), broad)
 
 
-def join_coplanar(nodes: Array, around: Boxes) -> Array:
+def join_coplanar(moments: Array, around: Boxes) -> Array:
     """The plane (c,) int32 of every flat part, numbered by the largest part.
 
-    nodes (c, 24), descending by count; around: their boxes. A plane takes in one part after the
+    moments (c,), descending by count; around: their boxes. A plane takes in one part after the
     other, and each extends its reach.
     """
-    plane = np.arange(len(nodes), dtype=np.int32)
-    _join_coplanar(nodes.copy(), around.low.copy(), around.high.copy(), plane)
+    plane = np.arange(len(moments), dtype=np.int32)
+    _join_coplanar(moments.copy(), around.low.copy(), around.high.copy(), plane)
     return np.unique(plane, return_inverse=True)[1].astype(np.int32).reshape(-1)
 
 
 @kernel
-def _join_coplanar(nodes, low, high, plane):
+def _join_coplanar(moments, low, high, plane):
     for a in range(len(plane)):
         grown = plane[a] == a
         while grown:
             grown = False
             for b in range(a + 1, len(plane)):
-                if plane[b] == b and _gap(low, high, a, b) <= MAX_GAP and _coplanar(nodes, a, b):
+                near = plane[b] == b and _gap(low, high, a, b) <= MAX_GAP
+                if near and _coplanar(moments[a], moments[b]):
                     plane[b] = a
-                    unite(nodes, a, b, a)
+                    unite(moments, a, b, a)
                     for axis in range(3):
                         low[a, axis] = min(low[a, axis], low[b, axis])
                         high[a, axis] = max(high[a, axis], high[b, axis])
@@ -120,14 +116,14 @@ def _join_coplanar(nodes, low, high, plane):
 
 
 @kernel
-def _coplanar(nodes, a, b):
-    """Whether b, the smaller part, lies in the plane of a."""
+def _coplanar(a, b):
+    """Whether b, the moments of the smaller part, lies in the plane of a."""
     cosine = from_a = from_b = 0.0
     for axis in range(3):
-        between = nodes[b, MEAN + axis] - nodes[a, MEAN + axis]
-        cosine += nodes[a, V3 + axis] * nodes[b, V3 + axis]
-        from_a += nodes[a, V3 + axis] * between
-        from_b += nodes[b, V3 + axis] * between
+        between = b.mean[axis] - a.mean[axis]
+        cosine += a.v3[axis] * b.v3[axis]
+        from_a += a.v3[axis] * between
+        from_b += b.v3[axis] * between
     near = abs(from_a) <= MAX_OFFSET and abs(from_b) <= OFFSET_FACTOR * MAX_OFFSET
     return near and abs(cosine) >= MIN_COSINE
 
@@ -146,10 +142,10 @@ def _gap(low, high, a, b):
 def _fit(p, _, points, members, whole, fits, kept):
     """Fit plane p to its points, without those beyond CUT_SIGMAS standard deviations."""
     begin, end = members.starts[p], members.starts[p + 1]
-    node = whole[p : p + 1].copy()
+    moments = whole[p : p + 1].copy()
     for _round in range(ROUNDS):
-        _refit(points, members.rows[begin:end], node, kept[begin:end])
-    set_moments(node, 0, fits, p)
+        _refit(points, members.rows[begin:end], moments, kept[begin:end])
+    set_moments(moments, 0, fits, p)
     fits.roughness[p] = fits.sigma[p, 2]
     rows = members.rows[begin:end][kept[begin:end]]
     fits.count[p], fits.passes[p] = len(rows), count_passes(rows)
@@ -157,11 +153,12 @@ def _fit(p, _, points, members, whole, fits, kept):
 
 
 @kernel
-def _refit(points, rows, node, kept):
-    """Replace the moments of a plane by those of the points near it."""
-    px, py, pz = node[0, MEAN], node[0, MEAN + 1], node[0, MEAN + 2]
-    nx, ny, nz = node[0, V3], node[0, V3 + 1], node[0, V3 + 2]
-    cut = CUT_SIGMAS * math.sqrt(node[0, EIGENVALUES])
+def _refit(points, rows, moments, kept):
+    """Replace the moments of a plane, in row 0, by those of the points near it."""
+    m = moments[0]
+    px, py, pz = m.mean_x, m.mean_y, m.mean_z
+    nx, ny, nz = m.v3_x, m.v3_y, m.v3_z
+    cut = CUT_SIGMAS * math.sqrt(m.e3)
     count = 0
     mx = my = mz = xx = xy = xz = yy = yz = zz = 0.0
     for k in range(len(rows)):
@@ -180,14 +177,10 @@ def _refit(points, rows, node, kept):
             yz += dy * dz
             zz += dz * dz
     mx, my, mz = mx / count, my / count, mz / count
-    node[0, MEAN], node[0, MEAN + 1], node[0, MEAN + 2] = px + mx, py + my, pz + mz
-    node[0, COVARIANCE] = xx / count - mx * mx
-    node[0, COVARIANCE + 1] = xy / count - mx * my
-    node[0, COVARIANCE + 2] = xz / count - mx * mz
-    node[0, COVARIANCE + 3] = yy / count - my * my
-    node[0, COVARIANCE + 4] = yz / count - my * mz
-    node[0, COVARIANCE + 5] = zz / count - mz * mz
-    set_axes(node, 0)
+    m.mean_x, m.mean_y, m.mean_z = px + mx, py + my, pz + mz
+    m.xx, m.xy, m.xz = xx / count - mx * mx, xy / count - mx * my, xz / count - mx * mz
+    m.yy, m.yz, m.zz = yy / count - my * my, yz / count - my * mz, zz / count - mz * mz
+    shape(moments, 0)
 
 
 @kernel

@@ -4,7 +4,6 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.contingency import contingency
-from ellipseg_ros.core.moments import flat
 from ellipseg_ros.core.segments import Segments
 from ellipseg_ros.core.window import Window
 from ellipseg_ros.landmarks.finder import Detections, find_landmarks
@@ -34,9 +33,8 @@ class LandmarkStage:
         if adjacency is None or not config.enabled:
             return None
         points, origin = window.points, window.origin
-        moments = flat(segments.moments)
         local = points.position - origin
-        found = find_landmarks(local, segments.labels, moments, adjacency, config)
+        found = find_landmarks(local, segments.labels, segments.moments, adjacency, config)
         tracks = self._tracker.follow(points.arrival, found, window.end_ns)
         return landmark_records(found, tracks, segments.labels, origin)
 

@@ -1,4 +1,4 @@
-"""A heap of pairs by cost, of which any may be changed: for merging the best pair first."""
+"""Binary heap of numbered items by cost, of which any can be changed or removed."""
 
 from typing import NamedTuple
 
@@ -7,21 +7,21 @@ import numpy as np
 from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.records import Array
 
-NOWHERE = -1  # place of a pair that is not in the heap
+NOWHERE = -1  # place of an item that is not in the heap
 
 
 class Heap(NamedTuple):
-    """Numbers 0 to n - 1, ordered by (cost, tie): the least comes first."""
+    """Items 0 to n - 1, ordered by (cost, tie): the smallest comes first."""
 
     item: Array  # (n,) int32: the heap itself
-    cost: Array  # (n,) float64: beside `item`, where the search for a slot finds it
-    tie: Array  # (n,) int64, by number
-    place: Array  # (n,) int32: where in `item` each number is, or NOWHERE
+    cost: Array  # (n,) float64: beside `item`, where the search for a slot reads it
+    tie: Array  # (n,) int64, by item
+    place: Array  # (n,) int32: where in `item` each one is, or NOWHERE
     size: Array  # (1,) int64
 
 
 def empty_heap(count: int) -> Heap:
-    """No number of 0 to count - 1 is in it yet."""
+    """A heap without any of the items 0 to count - 1."""
     return Heap(
         item=np.empty(count, np.int32),
         cost=np.empty(count),
@@ -33,7 +33,7 @@ def empty_heap(count: int) -> Heap:
 
 @inlined
 def set_cost(heap, number, cost, tie):
-    """Put a number in, or move it, to where its cost belongs."""
+    """Insert an item, or move it to where its new cost belongs."""
     place, size = heap.place, heap.size
     slot = place[number]
     if slot == NOWHERE:
@@ -45,9 +45,11 @@ def set_cost(heap, number, cost, tie):
 
 @kernel
 def remove(heap, number):
-    """Take out a number that is in."""
+    """Remove an item from the heap, if it is there."""
     item, place, size = heap.item, heap.place, heap.size
     slot = place[number]
+    if slot == NOWHERE:
+        return
     place[number] = NOWHERE
     size[0] -= 1
     last = item[size[0]]
@@ -57,7 +59,7 @@ def remove(heap, number):
 
 @inlined
 def _sift(number, own, slot, size, heap):
-    """Let a number of cost `own` that takes this slot rise or sink to its own (Williams 1964)."""
+    """Move an item of cost `own` from a slot up or down to its place (Williams 1964)."""
     item, cost, tie, place = heap.item, heap.cost, heap.tie, heap.place
     while slot > 0:
         up = (slot - 1) >> 1
@@ -68,12 +70,12 @@ def _sift(number, own, slot, size, heap):
         slot = up
     while 2 * slot + 1 < size:
         child = 2 * slot + 1
-        beside = child + 1
-        if beside < size and (
-            cost[beside] < cost[child]
-            or (cost[beside] == cost[child] and tie[item[beside]] < tie[item[child]])
+        other = child + 1
+        if other < size and (
+            cost[other] < cost[child]
+            or (cost[other] == cost[child] and tie[item[other]] < tie[item[child]])
         ):
-            child = beside
+            child = other
         if own < cost[child] or (own == cost[child] and tie[number] <= tie[item[child]]):
             break
         item[slot], cost[slot] = item[child], cost[child]

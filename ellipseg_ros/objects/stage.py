@@ -6,11 +6,10 @@ import numpy as np
 
 from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.graph import Graph
-from ellipseg_ros.core.moments import flat
 from ellipseg_ros.core.segments import Segments, matrices
 from ellipseg_ros.core.tracking import Tracker, Tracks
 from ellipseg_ros.core.window import Window
-from ellipseg_ros.objects.finder import Level, find_objects
+from ellipseg_ros.objects.finder import Grouping, find_objects
 from ellipseg_ros.records import Array, Objects, SegmentAdjacency
 
 
@@ -18,7 +17,7 @@ class ObjectUpdate(NamedTuple):
     """The objects after an update."""
 
     objects: Objects | None  # None: not enabled
-    removed: Array  # (r,) uint32: ids that the last update had and this one has not
+    removed: Array  # (r,) uint32: ids of the previous update that ended
 
 
 class ObjectStage:
@@ -42,37 +41,40 @@ class ObjectStage:
         """The objects of the window; without adjacency, or not enabled: none."""
         if adjacency is None or not config.enabled:
             return ObjectUpdate(None, self._tracker.end())
-        level = find_objects(
+        grouping = find_objects(
             graph.points,
-            flat(graph.moments),
+            graph.moments,
             segments.vertex_labels,
-            flat(segments.moments),
+            segments.moments,
             adjacency,
             config,
         )
-        labels = np.append(level.of_segment, np.int32(-1))[np.maximum(segments.labels, -1)]
-        facts = np.column_stack([level.nodes[:, :4], level.nodes[:, 18:]])
-        tracks = self._tracker.assign(window.points.arrival, labels, facts)
+        object_labels = np.append(grouping.segment_labels, np.int32(-1))
+        labels = object_labels[np.maximum(segments.labels, -1)]
+        moments = grouping.moments
+        features = np.column_stack([moments["count"], moments["mean"], moments["covariance"]])
+        tracks = self._tracker.assign(window.points.arrival, labels, features)
         for column in (labels, tracks.ids):
             column.flags.writeable = False  # the next update builds on them
-        return ObjectUpdate(object_records(level, tracks, window.origin), tracks.removed)
+        return ObjectUpdate(object_records(grouping, tracks, window.origin), tracks.removed)
 
 
-def object_records(level: Level, tracks: Tracks, origin: Array) -> Objects:
+def object_records(grouping: Grouping, tracks: Tracks, origin: Array) -> Objects:
     """The objects in the world frame; origin (3,) m."""
-    nodes = level.nodes
-    planarity, cylindricality = nodes[:, 10].copy(), nodes[:, 11].copy()
+    moments = grouping.moments
+    planarity = moments["planarity"].copy()
+    cylindricality = moments["cylindricality"].copy()
     return Objects(
-        segment_labels=level.of_segment,
-        count=nodes[:, 0].astype(np.int64),
-        mean=nodes[:, 1:4] + origin,
-        covariance=matrices(nodes[:, 18:]),
-        box_min=level.low + origin,
-        box_max=level.high + origin,
+        segment_labels=grouping.segment_labels,
+        count=moments["count"].astype(np.int64),
+        mean=moments["mean"] + origin,
+        covariance=matrices(moments["covariance"]),
+        box_min=grouping.boxes.low + origin,
+        box_max=grouping.boxes.high + origin,
         planarity=planarity,
         cylindricality=cylindricality,
         sphericity=np.maximum(0.0, 1.0 - planarity - cylindricality),
-        hierarchy=level.hierarchy,
+        hierarchy=grouping.hierarchy,
         ids=tracks.ids,
         state=tracks.state,
         parents=tracks.parents,

@@ -12,10 +12,9 @@ from ellipseg_ros.config import Config, ObjectsConfig
 from ellipseg_ros.core import jit
 from ellipseg_ros.core.adjacency import segment_adjacency
 from ellipseg_ros.core.ellipsoids import segment_moments
-from ellipseg_ros.core.flat_moments import COVARIANCE, EIGENVALUES, shape
 from ellipseg_ros.core.graph import ISOLATED
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
-from ellipseg_ros.core.moments import flat, no_moments
+from ellipseg_ros.core.moments import no_moments, shape
 from ellipseg_ros.objects.agglomeration import merge_segments
 from ellipseg_ros.objects.finder import find_objects, segment_features
 from ellipseg_ros.objects.indexed_heap import empty_heap, remove, set_cost
@@ -38,8 +37,8 @@ def labelled(cloud, n, seed=0):
 
 
 def moments_of(points, labels, segments):
-    """Nodes of the points of every segment, all anew."""
-    return flat(segment_moments(points, labels, np.full(segments, -1), no_moments()))
+    """Moments of the points of every segment."""
+    return segment_moments(points, labels, np.full(segments, -1), no_moments())
 
 
 def lists_of(graph):
@@ -65,7 +64,7 @@ def test_boundaries_are_the_edges_between_segments(cloud, n):
 def test_features_are_the_means_of_the_points(cloud, n):
     points, graph, labels, segments = labelled(cloud, n)
     lists = lists_of(graph)
-    found = segment_features(flat(graph.moments), labels, segments)
+    found = segment_features(graph.moments, labels, segments)
     for s in range(segments):
         mine = [
             naive.features(naive.initial_ellipsoid(points, i, lists[i])[2])
@@ -86,9 +85,9 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
     for s in range(segments):
         count, mean, covariance = naive.moments(points[labels == s])
         moments[s] = count, mean, covariance + extra[s] * np.eye(3)
-        own[s, COVARIANCE : COVARIANCE + 6] = moments[s][2][UPPER]
+        own["covariance"][s] = moments[s][2][UPPER]
         shape(own, s)
-    features = segment_features(flat(graph.moments), labels, segments)
+    features = segment_features(graph.moments, labels, segments)
     adjacency = segment_adjacency(graph.knn_indices, labels, segments)
     found = merge_segments(own, features, adjacency, thickness)
     lengths = naive.boundaries(lists_of(graph), labels)
@@ -104,10 +103,9 @@ def test_merges_are_those_of_the_plain_twin(thickness, seed):
 
 @pytest.mark.nojit
 def test_equal_costs_merge_the_lower_segments_first():
-    own = np.zeros((4, 24))
-    own[:, 0] = 1.0
-    own[:, [COVARIANCE, COVARIANCE + 3, COVARIANCE + 5]] = 1.0
-    own[:, EIGENVALUES : EIGENVALUES + 3] = 1.0
+    own = no_moments(4)
+    for name in ("count", "xx", "yy", "zz", "e1", "e2", "e3"):
+        own[name] = 1.0
     pairs = SegmentAdjacency(*np.array([[0, 0, 1, 2], [2, 3, 3, 3], [1, 1, 1, 1]], np.int32))
     found = merge_segments(own, np.zeros((4, 4)), pairs, 0.02)
     assert list(zip(found.parent, found.child, strict=True)) == [(0, 2), (0, 3), (0, 1)]
@@ -230,13 +228,14 @@ def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
     own = moments_of(points, labels, segments)
     adjacency = segment_adjacency(graph.knn_indices, labels, segments)
-    what = (points, flat(graph.moments), labels, own, adjacency, ObjectsConfig())
+    what = (points, graph.moments, labels, own, adjacency, ObjectsConfig())
     expected = find_objects(*what)
     monkeypatch.setattr(jit, "THREADS", threads)
     monkeypatch.setattr(jit, "MIN_ROWS_PER_THREAD", 10)
     found = find_objects(*what)
-    for name in ("of_segment", "nodes", "low", "high"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert np.array_equal(found.segment_labels, expected.segment_labels)
+    assert np.array_equal(found.moments, expected.moments)
+    assert np.array_equal(found.boxes, expected.boxes)
     for name in ("parent", "child", "cost"):
         ours, theirs = (getattr(level.hierarchy, name) for level in (found, expected))
         assert np.array_equal(ours, theirs), name
