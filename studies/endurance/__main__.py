@@ -1,11 +1,13 @@
 """`python -m studies.endurance`: endurance and fault-injection tests of the node."""
 
 import json
+import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.report import print_status, progress_steps
 from ellipseg_ros.errors import EllipsegError
 from studies.endurance.page import page
@@ -48,7 +50,7 @@ def _run(args: Namespace) -> int:
             results[name] = run_subject(name, options)
             if args.output:  # now, since the next subject may take a quarter of an hour
                 write(earlier | results, page, Path(args.output))
-    publish(results, page, Namespace(**vars(args) | {"output": None}))
+    publish(results, page, Namespace(**{**vars(args), "output": None}))  # written already
     return 0 if all(map(all_met, results.values())) else 1
 
 
@@ -66,4 +68,4 @@ def _earlier(folder: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(run_program("studies.endurance", main))

@@ -11,7 +11,7 @@ from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 from studies.endurance.endless_drive import EndlessDrive
 from studies.endurance.requirements import Options, Requirement
-from studies.endurance.rig import UPDATE_PERIOD, Rig, is_unbroken, rig
+from studies.endurance.rig import SETTINGS, UPDATE_PERIOD, Rig, is_unbroken, rig
 from studies.endurance.ros.recording_subscriber import RecordingSubscriber
 from studies.endurance.subscriber_process import SubscriberProcess
 
@@ -97,12 +97,14 @@ def namespaces(options: Options) -> list[Requirement]:
 def hanging_subscribers(options: Options) -> list[Requirement]:
     """Pause a subscriber to all topics until its queues are full of large messages."""
     count = QUEUED_UPDATES if options.quick else 5 * QUEUED_UPDATES
-    with rig(options.seed) as test_rig, test_rig.node("-p", "window_duration:=10") as process:
+    window = SETTINGS["window_duration"] if options.quick else 10.0
+    parameter = f"window_duration:={window:g}"
+    with rig(options.seed) as test_rig, test_rig.node("-p", parameter) as process:
         with SubscriberProcess(test_rig.ros_args) as subscriber:
             subscriber.wait_for_topics(START_TIMEOUT_S)
-            test_rig.wait_for_updates(time.monotonic(), QUEUED_UPDATES)  # the window is full
-            options.log(f"multi-node: {count} updates while a subscriber reads")
-            usual = _latencies(test_rig, count)
+            test_rig.wait_for_updates(time.monotonic(), round(window / UPDATE_PERIOD))
+            options.log(f"multi-node: {count // 2} updates while a subscriber reads")
+            usual = _latencies(test_rig, count // 2)
             subscriber.pause()
             options.log(f"multi-node: {count} updates while it is paused")
             paused = _latencies(test_rig, count)
@@ -117,7 +119,7 @@ def hanging_subscribers(options: Options) -> list[Requirement]:
         Requirement(
             "a subscriber that does not read does not slow the node",
             f"SIGSTOP of a reliable subscriber to all topics, beside another, for {count} "
-            f"updates, more than DDS keeps; {UPDATE_PERIOD:g} s between two, window 10 s",
+            f"updates, more than DDS keeps; {UPDATE_PERIOD:g} s between two, window {window:g} s",
             f"from a cloud sent to its segments received: {median:.0f} ms before (90 % within "
             f"{high:.0f} ms), {paused_median:.0f} ms meanwhile ({paused_high:.0f} ms); "
             f"{'no' if unbroken else 'an'} update missing of {len(sequence)}",
