@@ -26,14 +26,14 @@ def _batch(section: Section) -> Value | None:
 
 
 def _update(period: float) -> Callable[[Section], Value | None]:
-    wanted = {"criterion": "shape", "kind": "lowest AICc", "period": period}
+    key = {"criterion": "shape", "kind": "lowest AICc", "period": period}
     return lambda section: next(
-        (case["ratio"] for case in section["cases"] if wanted.items() <= case.items()), None
+        (case["ratio"] for case in section["cases"] if key.items() <= case.items()), None
     )
 
 
 def _length(period: float) -> Callable[[Section], Value | None]:
-    """Ratio of the longest window to the one a quarter as long."""
+    """Ratio of the longest window to the window a quarter as long."""
 
     def value(section: Section) -> Value | None:
         case = max(section["cases"], key=lambda case: (case["period"] == period, case["window_s"]))

@@ -193,18 +193,18 @@ def minimum(scene: Scene, reading: Reading) -> Minimum:
 
 def row(reading: Reading, minima: dict[str, list[Minimum]]) -> dict[str, Any]:
     """Results of a reading over all scenes, JSON-ready; of values, the lowest and the highest."""
-    found = minima[reading.name]
-    candidates = np.unique(np.concatenate([one.thresholds for one in found]))
+    results = minima[reading.name]
+    candidates = np.unique(np.concatenate([one.thresholds for one in results]))
     logs = np.log(candidates)
-    losses = [np.interp(logs, np.log(one.thresholds), one.losses) for one in found]
+    losses = [np.interp(logs, np.log(one.thresholds), one.losses) for one in results]
     return {
         "reading": reading.name,
-        "threshold": _extremes([one.threshold for one in found]),
+        "threshold": _extremes([one.threshold for one in results]),
         "shared_loss": float(np.max(losses, axis=0).min()),
-        "completion": _extremes([one.completion for one in found]),
-        "aicc": float(np.mean([one.aicc for one in found])),
-        "count": float(np.mean([one.count for one in found])),
-        "largest": _extremes([one.largest for one in found]),
+        "completion": _extremes([one.completion for one in results]),
+        "aicc": float(np.mean([one.aicc for one in results])),
+        "count": float(np.mean([one.count for one in results])),
+        "largest": _extremes([one.largest for one in results]),
     } | _comparison(reading, minima)
 
 

@@ -27,23 +27,27 @@ MEASURES = (
 
 def evaluation_at(scan: Results, method: str, target: int | str) -> Evaluation | None:
     """The evaluation of a method on a cloud at a target count; None if it was not reached."""
-    for one in scan["evaluations"]:
-        if one["method"] == method and one["target"] == target and one["reached"]:
-            return dict(one)
+    for evaluation in scan["evaluations"]:
+        if (
+            evaluation["method"] == method
+            and evaluation["target"] == target
+            and evaluation["reached"]
+        ):
+            return dict(evaluation)
     return None
 
 
 def pairs(
     scans: list[Results], ours: str, theirs: str, target: int | str
 ) -> dict[str, tuple[Evaluation, Evaluation]]:
-    """By cloud: evaluations of two methods at the count that the second one reached."""
-    found = {}
+    """By cloud: evaluations of two methods at the count that the second method reached."""
+    paired = {}
     for scan in scans:
         reference = evaluation_at(scan, theirs, target)
         other = evaluation_at(scan, ours, reference["count"]) if reference else None
         if reference and other:
-            found[scan["name"]] = (other, reference)
-    return found
+            paired[scan["name"]] = (other, reference)
+    return paired
 
 
 def means(scans: list[Results], methods: list[str], target: int | str) -> list[Evaluation]:
@@ -59,7 +63,7 @@ def means(scans: list[Results], methods: list[str], target: int | str) -> list[E
     shown = [
         name
         for name, evaluations in by_cloud.items()
-        if sum(one is not None for one in evaluations.values()) >= MIN_SHARE * len(scans)
+        if sum(map(bool, evaluations.values())) >= MIN_SHARE * len(scans)
     ]
     common = [s["name"] for s in scans if all(by_cloud[name][s["name"]] for name in shown)]
     return [
@@ -71,10 +75,10 @@ def means(scans: list[Results], methods: list[str], target: int | str) -> list[E
 
 
 def _mean(evaluations: list[Evaluation | None]) -> Evaluation:
-    """The mean of every measure over the evaluations that have it; None if no one has."""
+    """The mean of every measure over the evaluations that have it; None if none has."""
     row: Evaluation = {}
     for name in MEASURES:
-        values = [one[name] for one in evaluations if one and one.get(name) is not None]
+        values = [e[name] for e in evaluations if e and e.get(name) is not None]
         row[name] = sum(values) / len(values) if values else None
     return row
 

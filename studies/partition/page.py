@@ -198,8 +198,10 @@ def _clouds(results: Results) -> list[Section]:
 
 
 def _score(scan: Results, method: str, target: int | str) -> str:
-    one = evaluation_at(scan, method, target)
-    return f"{one['mean_iou']:.3f} ({one['count']:,})" if one else "-"
+    evaluation = evaluation_at(scan, method, target)
+    if evaluation is None:
+        return "-"
+    return f"{evaluation['mean_iou']:.3f} ({evaluation['count']:,})"
 
 
 def _methods(results: Results) -> Section:

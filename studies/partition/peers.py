@@ -32,22 +32,26 @@ def prepare_cut_pursuit(points: Array) -> Run:
 
     @cache
     def features(neighbours: int) -> tuple[Array, Array, Array]:
-        wanted = min(neighbours + 1, len(local))
-        near, squared = pgeof.knn_search(local, local, wanted)
-        starts = np.arange(len(local) + 1, dtype=np.uint32) * np.uint32(wanted - 1)
+        count = min(neighbours + 1, len(local))
+        near, squared = pgeof.knn_search(local, local, count)
+        starts = np.arange(len(local) + 1, dtype=np.uint32) * np.uint32(count - 1)
         others = np.ascontiguousarray(near[:, 1:], dtype=np.uint32)
-        found = pgeof.compute_features(local, others.reshape(-1), starts)[:, :4]
-        return others, np.sqrt(squared[:, 1:]), np.ascontiguousarray(found * [1, 1, 1, 2], "f4")
+        geometric = pgeof.compute_features(local, others.reshape(-1), starts)[:, :4]
+        return (
+            others,
+            np.sqrt(squared[:, 1:]),
+            np.ascontiguousarray(geometric * [1, 1, 1, 2], "f4"),
+        )
 
     def run(settings: Settings) -> Array:
-        others, lengths, found = features(int(settings["neighbours"]))
+        others, lengths, values = features(int(settings["neighbours"]))
         ends, length = others[:, :GRAPH_NEIGHBOURS], lengths[:, :GRAPH_NEIGHBOURS].reshape(-1)
         starts = np.repeat(np.arange(len(ends), dtype=np.uint32), ends.shape[1])
         weights = float(settings["strength"]) / (1.0 + length / max(float(length.mean()), 1e-9))
         labels = cut_pursuit(
             1.0,
-            found.shape[1],
-            found,
+            values.shape[1],
+            values,
             weights.astype(np.float32),
             starts,
             np.ascontiguousarray(ends).reshape(-1),
@@ -65,8 +69,8 @@ def prepare_dbscan(points: Array) -> Run:
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
 
     def run(settings: Settings) -> Array:
-        found = cloud.cluster_dbscan(float(settings["radius"]), int(settings["points"]))
-        return np.asarray(found, dtype=np.int64)
+        labels = cloud.cluster_dbscan(float(settings["radius"]), int(settings["points"]))
+        return np.asarray(labels, dtype=np.int64)
 
     return run
 

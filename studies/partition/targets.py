@@ -19,11 +19,11 @@ def judged(results: dict[str, Any]) -> list[Row]:
     scans = groups(results)[0][1]
     rows: list[Row] = []
     for target in COUNTS:
-        found = pairs(scans, OBJECTS.name, CUT_PURSUIT.name, target).values()
-        if not found:
+        evaluations = pairs(scans, OBJECTS.name, CUT_PURSUIT.name, target).values()
+        if not evaluations:
             continue
         where = "its default count" if target == DEFAULT else f"{target:,} segments"
-        gains = [ours["mean_iou"] - theirs["mean_iou"] for ours, theirs in found]
+        gains = [ours["mean_iou"] - theirs["mean_iou"] for ours, theirs in evaluations]
         better, count = sum(gain > 0.0 for gain in gains), len(gains)
         clouds = Target(f"clouds of {count} with a higher mean IoU, at {where}", count - 1, count)
         gain = Target(f"gain of the mean IoU, mean over clouds, at {where}", *GAIN)

@@ -29,7 +29,7 @@ def run_command(
     2: an expected error, reported in one line. 130: interrupted with Ctrl-C.
     """
     measures, duration = STUDIES[name]
-    about = f"Measure {measures}. A full run takes about {duration}."
+    about = f"{measures[0].upper()}{measures[1:]}; a full run takes about {duration}."
     parser = new_parser(f"python -m studies.{name}", about, examples)
     options(parser)
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for the results")

@@ -113,11 +113,11 @@ def mean(values: list[float]) -> float | None:
 # --- overlaps --------------------------------------------------------------------------------
 
 
-def shared_points(one: Segmentation, other: Segmentation) -> Overlaps:
+def shared_points(first: Segmentation, second: Segmentation) -> Overlaps:
     """Numbers of points that the segments of two windows share, by rows of segments."""
-    _, ours, theirs = np.intersect1d(one.arrival, other.arrival, True, return_indices=True)
-    both = (one.labels[ours] >= 0) & (other.labels[theirs] >= 0)
-    return overlaps(one.labels[ours][both], other.labels[theirs][both])
+    _, ours, theirs = np.intersect1d(first.arrival, second.arrival, True, return_indices=True)
+    both = (first.labels[ours] >= 0) & (second.labels[theirs] >= 0)
+    return overlaps(first.labels[ours][both], second.labels[theirs][both])
 
 
 def identical(count: Array) -> Overlaps:
@@ -131,13 +131,13 @@ def regrouped(shared: Overlaps, ours: Array, theirs: Array | None = None) -> Ove
 
     ours, theirs: group of every member on either side; theirs None: no groups there.
     """
-    one = ours[shared.our_values[shared.ours]]
-    other = shared.true_values[shared.truth]
+    our_group = ours[shared.our_values[shared.ours]]
+    their_group = shared.true_values[shared.truth]
     if theirs is not None:
-        other = theirs[other]
-    our_values, one = np.unique(one, return_inverse=True)
-    true_values, other = np.unique(other, return_inverse=True)
-    pairs, place = np.unique(one * len(true_values) + other, return_inverse=True)
+        their_group = theirs[their_group]
+    our_values, our_row = np.unique(our_group, return_inverse=True)
+    true_values, their_row = np.unique(their_group, return_inverse=True)
+    pairs, place = np.unique(our_row * len(true_values) + their_row, return_inverse=True)
     count = np.zeros(len(pairs), np.int64)
     np.add.at(count, place, shared.count)
     width = max(1, len(true_values))
