@@ -23,13 +23,9 @@ def criterion_names() -> tuple[str, ...]:
 class GraphConfig(Checked):
     """Which points are neighbours."""
 
-    neighbours: int = setting(10, "nearest neighbours per point", low=3, high=64)
+    neighbours: int = setting(10, "nearest neighbours per point", "", 3, 64)
     isolation_distance: float = setting(
-        2.0,
-        "a point farther than this from its nearest neighbour is isolated",
-        unit="m",
-        low=0.001,
-        high=1000.0,
+        2.0, "a point farther than this from its nearest neighbour is isolated", "m", 0.001, 1000.0
     )
 
 
@@ -38,18 +34,14 @@ class ModelConfig(Checked):
     """Constants of the merge criteria and of the AICc."""
 
     eigenvalue_floor: float = setting(
-        1e-4,
-        "lower bound of an eigenvalue that divides in the shape distance",
-        unit="m^2",
-        low=1e-12,
-        high=1.0,
+        1e-4, "lower bound of an eigenvalue that divides in the shape distance", "m^2", 1e-12, 1.0
     )
     noise_variance: float = setting(
         0.01,
-        "squared measurement noise: lower bound of an eigenvalue in the AICc",
-        unit="m^2",
-        low=1e-12,
-        high=100.0,
+        "squared measurement noise: lower bound of eigenvalues in the AICc",
+        "m^2",
+        1e-12,
+        100.0,
     )
 
 
@@ -62,15 +54,16 @@ class ObjectsConfig(Checked):
         1.0,
         "merge while the lowest cost, the growth of the squared deviations of the features per "
         "square root of the number of edges between two groups, is at most this",
-        low=0.0,
-        high=1e9,
+        "",
+        0.0,
+        1e9,
     )
     thickness: float = setting(
         0.04,
-        "segments whose union is flat to this standard deviation are one object at any scale",
-        unit="m",
-        low=0.0,
-        high=10.0,
+        "segments with a union as flat as this are one object at any scale",
+        "m",
+        0.0,
+        10.0,
     )
 
 
@@ -79,27 +72,19 @@ class LandmarksConfig(Checked):
     """Selection of landmarks."""
 
     enabled: bool = setting(True, "find landmarks at every update")
-    min_points: int = setting(40, "minimum number of points of a landmark", low=10, high=1_000_000)
+    min_points: int = setting(40, "minimum number of points of a landmark", "", 10, 1_000_000)
     roughness: float = setting(
-        0.03,
-        "maximum standard deviation of a landmark's points from its shape",
-        unit="m",
-        low=0.001,
-        high=1.0,
+        0.03, "maximum standard deviation of a landmark's points from its shape", "m", 0.001, 1.0
     )
     max_angle: float = setting(
-        0.7,
-        "maximum standard deviation of a landmark's direction",
-        unit="deg",
-        low=0.01,
-        high=45.0,
+        0.7, "maximum standard deviation of a landmark's direction", "deg", 0.01, 45.0
     )
     registration_noise: float = setting(
         0.02,
-        "standard deviation of the registration error common to all points of a landmark",
-        unit="m",
-        low=0.0,
-        high=10.0,
+        "registration error (sigma) common to all points of a landmark",
+        "m",
+        0.0,
+        10.0,
     )
 
 
@@ -112,38 +97,29 @@ class Config(Checked):
         DEFAULT_THRESHOLD,
         "merge while the criterion is at most this (shape, parsimony: no unit; density: m); "
         "-1: the default of the criterion",
-        low=-1.0,
-        high=1e9,
+        "",
+        -1.0,
+        1e9,
     )
-    window_duration: float = setting(
-        25.0, "length of the sliding window", unit="s", low=0.01, high=86400.0
-    )
-    update_period: float = setting(
-        1.0, "sensor time between two updates", unit="s", low=0.001, high=3600.0
-    )
+    window_duration: float = setting(25.0, "length of the sliding window", "s", 0.01, 86400.0)
+    update_period: float = setting(1.0, "sensor time between two updates", "s", 0.001, 3600.0)
     max_lateness: float = setting(
         1.0,
-        "a cloud up to this much older than the newest is accepted; an older one restarts the "
-        "window",
-        unit="s",
-        low=0.0,
-        high=3600.0,
+        "age, against the newest cloud, up to which a cloud does not restart the window",
+        "s",
+        0.0,
+        3600.0,
     )
     max_points_per_second: int = setting(
-        0,
-        "thin denser input to about this rate; 0: no thinning",
-        unit="1/s",
-        low=0,
-        high=1_000_000_000,
+        0, "thin denser input to about this rate; 0: no thinning", "1/s", 0, 1_000_000_000
     )
     max_points: int = setting(
         2_000_000,
-        "maximum number of points in the window, which bounds memory and time: the oldest points "
-        "are evicted; 0: no limit",
-        unit="points",
-        low=0,
-        high=1_000_000_000,
-        live=False,  # so that no other participant of the network can lift the bound
+        "points in the window beyond which the oldest are evicted; 0: no limit",
+        "points",
+        0,
+        1_000_000_000,
+        live=False,
     )
     graph: GraphConfig = field(default_factory=GraphConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -174,137 +150,126 @@ class AssociationConfig(Checked):
     """Association of two sets of landmarks."""
 
     max_translation: float = setting(
-        3.0,
-        "maximum translation of the centroid of the later landmarks",
-        unit="m",
-        low=0.0,
-        high=100.0,
+        3.0, "maximum translation of the centroid of the later landmarks", "m", 0.0, 100.0
     )
-    max_rotation: float = setting(
-        10.0, "maximum rotation about the centroid", unit="deg", low=0.0, high=45.0
-    )
+    max_rotation: float = setting(10.0, "maximum rotation about the centroid", "deg", 0.0, 45.0)
     noise: float = setting(
         0.02,
         "extra standard deviation between two observations of one landmark, beyond their "
         "covariances; lower bound of that of the transform, since drift bends a window",
-        unit="m",
-        low=1e-4,
-        high=10.0,
+        "m",
+        1e-4,
+        10.0,
     )
     angle_noise: float = setting(
         0.2,
-        "extra standard deviation between two observations of one direction",
-        unit="deg",
-        low=1e-3,
-        high=45.0,
+        "extra standard deviation between two observations of a direction",
+        "deg",
+        1e-3,
+        45.0,
     )
     size_ratio: float = setting(
         2.0,
-        "maximum ratio of the thicknesses of two lines, and of the sizes of two blobs",
-        low=1.0,
-        high=1e3,
+        "maximum ratio of the thicknesses of lines, and of the sizes of blobs",
+        "",
+        1.0,
+        1e3,
     )
     gap: float = setting(
-        0.5,
-        "maximum gap between the extents of two planes or lines",
-        unit="m",
-        low=0.0,
-        high=100.0,
+        0.5, "maximum gap between the extents of two planes or lines", "m", 0.0, 100.0
     )
     known: float = setting(
         0.05,
         "a direction of the transform is known if its standard deviation is at most this; of a "
         "rotation, at the distance of the landmarks from their centroid",
-        unit="m",
-        low=1e-4,
-        high=100.0,
+        "m",
+        1e-4,
+        100.0,
     )
     min_probability: float = setting(
-        0.95, "minimum probability of a pair that is reported", low=0.0, high=1.0
+        0.95, "minimum probability of a pair that is reported", "", 0.0, 1.0
     )
 
 
 @dataclass(frozen=True)
 class MapConfig(Checked):
-    """Which landmarks are kept to be recognized later."""
+    """Selection of landmarks for the map."""
 
     max_stability: float = setting(
         3.0,
-        "a landmark enters the map if its last updates moved it by at most so many standard "
-        "deviations",
-        low=0.0,
-        high=1e9,
+        "a landmark enters the map if it is at most this unstable, in standard deviations",
+        "",
+        0.0,
+        1e9,
     )
-    min_age: float = setting(
-        2.0, "and if it was a landmark for so long", unit="s", low=0.0, high=86400.0
-    )
+    min_age: float = setting(2.0, "and if it has been a landmark for this time", "s", 0.0, 86400.0)
     delay: float = setting(
         30.0,
-        "it can be recognized so long after it has expired: what has just left the window is "
-        "no news",
-        unit="s",
-        low=0.0,
-        high=86400.0,
+        "time from its expiry until it can be recognized",
+        "s",
+        0.0,
+        86400.0,
     )
-    max_landmarks: int = setting(20_000, "of more, the oldest are forgotten", low=1, high=500_000)
+    max_landmarks: int = setting(
+        20_000, "beyond this number the oldest are removed from the map", "", 1, 500_000
+    )
 
 
 @dataclass(frozen=True)
 class AssociatorConfig(Checked):
-    """Where the associator keeps its map."""
+    """File of the map."""
 
     map_file: str = setting(
         "",
-        "file that ~/save writes and ~/load reads, and that is read at the start if it is there; "
-        "empty: none",
+        "file that ~/save writes, and that ~/load and the start read; empty: none",
         live=False,
     )
 
 
 @dataclass(frozen=True)
 class NodeConfig(Checked):
-    """How the node listens and what it shows."""
+    """Input, backlog and outputs of the node."""
 
     input_reliability: str = setting(
         "auto",
-        "reliability asked of publishers of `points`; auto: reliable, unless one of them is best "
-        "effort; best_effort matches every publisher, but large clouds get lost",
+        "QoS of `points`; auto: reliable unless a publisher is best effort; best_effort matches "
+        "every publisher, but loses large clouds",
         allowed=("auto", "best_effort", "reliable"),
         live=False,
     )
     input_depth: int = setting(
-        100, "clouds that DDS keeps for the node", unit="clouds", low=1, high=100_000, live=False
+        100, "depth of the QoS of `points`", "clouds", 1, 100_000, live=False
     )
     max_backlog: int = setting(
         2,
-        "updates that may wait before they are taken together; 0: never taken together",
-        low=0,
-        high=1000,
-        live=False,  # likewise: without it anything may wait
+        "waiting updates beyond which they are coalesced; 0: never",
+        "",
+        0,
+        1000,
+        live=False,
     )
     full_segments_period: float = setting(
         0.0,
-        "sensor time between two messages on `segments` that list everything, those between list "
-        "changes; 0: all list everything",
-        unit="s",
-        low=0.0,
-        high=86400.0,
+        "sensor time between full messages on `segments`, others list changes; 0: all are full",
+        "s",
+        0.0,
+        86400.0,
     )
     auto_tune_period: float = setting(
         0.0,
-        "sensor time between two tunings of the threshold by the node itself; 0: never",
-        unit="s",
-        low=0.0,
-        high=86400.0,
+        "sensor time between two automatic tunings of the threshold; 0: never",
+        "s",
+        0.0,
+        86400.0,
     )
     marker_sigmas: float = setting(
-        2.0, "half axes of a marker, in standard deviations", low=0.01, high=100.0
+        2.0, "half axes of a marker, in standard deviations", "", 0.01, 100.0
     )
     marker_colour: str = setting(
         "shape",
-        "colour of a marker: of its shape, or of the object that it belongs to",
+        "colour of a marker: by its shape, or by its object",
         allowed=("shape", "object"),
     )
     marker_min_count: int = setting(
-        12, "segments with fewer points have no marker", unit="points", low=1, high=1_000_000
+        12, "minimum number of points of a segment with a marker", "points", 1, 1_000_000
     )

@@ -28,9 +28,9 @@ class Setting:
         return self.allowed() if callable(self.allowed) else self.allowed
 
 
-def setting(default: Any, about: str, **limits: Any) -> Any:
-    """A dataclass field with meaning, unit and limits (see Setting)."""
-    return field(default=default, metadata={"setting": Setting(about, **limits)})
+def setting(default: Any, *about: Any, **options: Any) -> Any:
+    """A dataclass field with the metadata Setting(*about, **options)."""
+    return field(default=default, metadata={"setting": Setting(*about, **options)})
 
 
 @dataclass(frozen=True)

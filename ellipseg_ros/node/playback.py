@@ -18,9 +18,9 @@ class ReplayOptions(Checked):
     rate: float = setting(
         1.0,
         "speed of the replay; 0: as fast as `ahead` allows",
-        unit="x real time",
-        low=0.0,
-        high=1000.0,
+        "x real time",
+        0.0,
+        1000.0,
         live=False,
     )
     loop: bool = setting(
@@ -37,25 +37,25 @@ class ReplayOptions(Checked):
         0.0,
         "maximum sensor time between a cloud and the last update that `segments` acknowledges, "
         "so that none is lost; 0: no flow control",
-        unit="s",
-        low=0.0,
-        high=3600.0,
+        "s",
+        0.0,
+        3600.0,
         live=False,
     )
     update_period: float = setting(
         Config().update_period,
         "update_period of the node, for `ahead`",
-        unit="s",
-        low=0.001,
-        high=3600.0,
+        "s",
+        0.001,
+        3600.0,
         live=False,
     )
     update_timeout: float = setting(
         60.0,
         "with `ahead`: longest wait for an update; then the replay continues without it",
-        unit="s",
-        low=0.1,
-        high=86400.0,
+        "s",
+        0.1,
+        86400.0,
         live=False,
     )
 

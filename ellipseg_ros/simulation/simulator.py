@@ -53,23 +53,22 @@ class Scene(Checked):
     """
 
     name: str = setting("industrial", "kind of scene", allowed=SCENES)
-    seed: int = setting(0, "of the scene and its noise", low=0, high=2**32)
-    duration: float = setting(25.0, "length of the drive", unit="s", low=0.1, high=3600.0)
-    speed: float = setting(3.0, "speed of the vehicle", unit="m/s", low=0.0, high=30.0)
-    noise: float = setting(0.015, "standard deviation of a range", unit="m", low=0.0, high=1.0)
+    seed: int = setting(0, "of the scene and its noise", "", 0, 2**32)
+    duration: float = setting(25.0, "length of the drive", "s", 0.1, 3600.0)
+    speed: float = setting(3.0, "speed of the vehicle", "m/s", 0.0, 30.0)
+    noise: float = setting(0.015, "standard deviation of a range", "m", 0.0, 1.0)
     drift: float = setting(
-        0.05, "standard deviation of the registration after 25 s", unit="m", low=0.0, high=10.0
+        0.05, "standard deviation of the registration after 25 s", "m", 0.0, 10.0
     )
     noise_seed: int = setting(
         -1,
         "of noise and drift, for another drive in the same scene; -1: that of the scene",
-        low=-1,
-        high=2**32,
+        "",
+        -1,
+        2**32,
     )
-    start: float = setting(
-        0.0, "position on the lane where the drive begins", unit="m", low=0.0, high=10_000.0
-    )
-    aside: float = setting(0.0, "offset to the left of the lane", unit="m", low=-2.0, high=2.0)
+    start: float = setting(0.0, "position on the lane where the drive begins", "m", 0.0, 10_000.0)
+    aside: float = setting(0.0, "offset to the left of the lane", "m", -2.0, 2.0)
     backwards: bool = setting(False, "drive against the direction of the lane")
 
     @property

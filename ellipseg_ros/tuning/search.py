@@ -20,14 +20,14 @@ class Search(Checked):
     """Parameters of the search."""
 
     lowest: float = setting(
-        CRITERION_RANGE, "lowest threshold of the grid; -1: the criterion's", low=-1.0, high=1e9
+        CRITERION_RANGE, "lowest threshold of the grid; -1: the criterion's", "", -1.0, 1e9
     )
     highest: float = setting(
-        CRITERION_RANGE, "highest threshold of the grid; -1: the criterion's", low=-1.0, high=1e9
+        CRITERION_RANGE, "highest threshold of the grid; -1: the criterion's", "", -1.0, 1e9
     )
-    count: int = setting(40, "thresholds of the grid, evenly spread in log", low=3, high=10_000)
-    refinements: int = setting(2, "number of refinements around the minimum", low=0, high=10)
-    finer: int = setting(8, "thresholds added by a refinement", low=1, high=1000)
+    count: int = setting(40, "thresholds of the grid, evenly spread in log", "", 3, 10_000)
+    refinements: int = setting(2, "number of refinements around the minimum", "", 0, 10)
+    finer: int = setting(8, "thresholds added by a refinement", "", 1, 1000)
 
     def grid(self, criterion: str) -> Array:
         """The thresholds (count,) of the grid, ascending."""
