@@ -16,6 +16,7 @@ from sources import ROOT, parse
 
 from ellipseg_ros.cli.parser import build_parser
 from ellipseg_ros.config import AssociationConfig, Config, MapConfig, NodeConfig
+from ellipseg_ros.io.topics import ASSOCIATOR, CLOCK, REPLAYER, SEGMENTER, SERVICES, TOPICS
 from ellipseg_ros.settings import iterate_settings
 
 README = ROOT / "README.md"
@@ -91,6 +92,32 @@ def test_diagnostics_table_lists_the_messages_of_the_node() -> None:
         assert any(matches(text, phrase) for phrase in documented), f"not documented: {text}"
     for phrase in documented:
         assert any(matches(text, phrase) for text in texts), f"the node never reports {phrase}"
+
+
+def test_topics_and_services_of_the_nodes_are_documented() -> None:
+    text = NODES_PAGE.read_text(encoding="utf-8")
+    for node, title in (
+        (SEGMENTER, "Segmenter"),
+        (ASSOCIATOR, "Associator"),
+        (REPLAYER, "Replayer"),
+    ):
+        section = text.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+        rows = [line for line in section.splitlines() if line.startswith("| `")]
+        for topic in TOPICS:
+            if node in topic.publishers:
+                assert f"| `{topic.name}` | `{short(topic.type)}` |" in "\n".join(rows), topic
+            elif node in topic.subscribers and topic != CLOCK:  # use_sim_time, as in any node
+                assert f"| `{topic.name}` (in) | `{short(topic.type)}` |" in "\n".join(rows), topic
+        for service in SERVICES:
+            if service.node == node:
+                assert f"| `{service.name}` | `{short(service.type)}` |" in "\n".join(rows), (
+                    service
+                )
+
+
+def short(name: str) -> str:
+    """The name of a type as the command line tools of ROS abbreviate it."""
+    return name.replace("/msg/", "/").replace("/srv/", "/")
 
 
 def matches(text: str, phrase: str) -> bool:

@@ -12,6 +12,7 @@ SOURCES = python_files("ellipseg_ros")
 # A module imports from its own layer and from the layers before it.
 LAYERS = [
     {"errors"},
+    {"settings"},
     {"config"},
     {"records"},
     {"core"},
