@@ -8,6 +8,8 @@ import pytest
 from tables import check_tables
 
 from studies.benchmark.page import page as benchmark
+from studies.endurance.page import page as endurance
+from studies.landmarks.page import page as landmarks
 from studies.paper.page import page as paper
 from studies.paper.readings import page as readings
 from studies.partition.page import page as partition
@@ -16,6 +18,8 @@ from studies.partition.scale.page import page as scale
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 PAGES = {
     "benchmark": benchmark,
+    "endurance": endurance,
+    "landmarks": landmarks,
     "paper": paper,
     "partition": partition,
     "readings": readings,
