@@ -23,7 +23,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 # Tests and demo communicate within this machine only.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test coverage lint format docs bench evaluate paper soak clean
+.PHONY: help setup demo test coverage lint format config docs bench evaluate paper soak clean
 
 help:
 	@cat <<-'END'
@@ -139,6 +139,9 @@ format: setup
 	$(BIN)/ruff format -q
 
 # The reference pages are written from the sources and committed; -W makes broken links errors.
+config: setup
+	@$(BIN)/python config/_tools/generate.py
+
 docs: setup
 	@$(BIN)/python docs/_tools/reference.py
 	$(BIN)/sphinx-build -q -W --keep-going -b html docs build/docs

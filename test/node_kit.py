@@ -1,4 +1,4 @@
-"""A node in a process of its own, and somebody on the other side of DDS to talk to it."""
+"""Helpers for tests with real nodes: a node process, and a peer node with clients and inboxes."""
 
 import signal
 import subprocess
@@ -21,12 +21,12 @@ from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.records import Sweep
 
 SECOND = 1_000_000_000  # ns
-PATIENCE = 10.0  # s that a node gets to end
-LIMIT = 120.0  # s that an answer may take: kernels may have to be compiled first
+SHUTDOWN_TIMEOUT_S = 10.0
+LIMIT = 120.0  # s, for an answer: kernels may have to be compiled first
 
 
 class Process:
-    """A running node and what it says."""
+    """A node process and its output."""
 
     def __init__(self, module, arguments, log):
         command = f"import sys; from ellipseg_ros.ros.{module} import main; sys.exit(main())"
@@ -37,37 +37,37 @@ class Process:
             )
 
     @property
-    def said(self):
-        """Everything it has printed."""
+    def output(self):
+        """Everything that it has printed."""
         return self._log.read_text()
 
     def alive(self):
-        """Whether it still runs."""
+        """Whether it is running."""
         return self._process.poll() is None
 
     def signal(self, number=signal.SIGINT):
-        """Send it a signal."""
+        """Send a signal."""
         self._process.send_signal(number)
 
     def wait(self, seconds=LIMIT):
-        """Its exit code."""
+        """Wait for the exit code."""
         return self._process.wait(seconds)
 
     def end(self):
-        """End it if it still runs: in peace if it will, as a kill leaves DDS's files behind."""
+        """End it if it is running; by SIGINT if possible, as SIGKILL leaves DDS's files behind."""
         if self.alive():
             self.signal(signal.SIGCONT)
             self.signal()
             try:
-                self.wait(PATIENCE)
+                self.wait(SHUTDOWN_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
-        print(f"{self.said}\nexit code {self.wait()}")  # pytest shows it if the test fails
+        print(f"{self.output}\nexit code {self.wait()}")  # pytest shows it if the test fails
 
 
 @contextmanager
 def running(module, arguments, log):
-    """A process of a node, ended if it has not ended by itself."""
+    """A node process that is ended with the block."""
     process = Process(module, arguments, log)
     try:
         yield process
@@ -76,7 +76,7 @@ def running(module, arguments, log):
 
 
 class Inbox:
-    """The messages of one topic, in the order of arrival."""
+    """The messages of a topic, in the order of arrival."""
 
     def __init__(self):
         self.messages = []
@@ -84,13 +84,13 @@ class Inbox:
         self._publishers = 0
 
     def put(self, message):
-        """Take a message."""
+        """Append a message."""
         with self._changed:
             self.messages.append(message)
             self._changed.notify_all()
 
     def matched(self, event):
-        """Note how many publishers there are."""
+        """Store the number of publishers."""
         with self._changed:
             self._publishers = event.current_count
             self._changed.notify_all()
@@ -100,24 +100,42 @@ class Inbox:
         self._wait(lambda: self._publishers > 0, "no publisher")
         return self
 
-    def wait(self, wanted, start=0):
-        """The first message from index `start` on for which wanted(message) is true."""
-        found = []
+    def wait(self, predicate, start=0):
+        """Wait for the first message from index `start` on with predicate(message); return it."""
+        matching = []
 
-        def there():
-            found[:] = [m for m in self.messages[start:] if wanted(m)][:1]
-            return found
+        def arrived():
+            matching[:] = [m for m in self.messages[start:] if predicate(m)][:1]
+            return matching
 
-        self._wait(there, f"{len(self.messages) - start} messages, not the wanted one")
-        return found[0]
+        self._wait(arrived, f"{len(self.messages) - start} messages, none of them matching")
+        return matching[0]
 
-    def comes(self, wanted, seconds):
-        """Whether a message for which wanted(message) is true is there within so many seconds."""
+    def arrives(self, predicate, seconds):
+        """Whether a message with predicate(message) arrives within so many seconds."""
         with self._changed:
-            return self._changed.wait_for(lambda: any(map(wanted, self.messages)), seconds)
+            return self._changed.wait_for(lambda: any(map(predicate, self.messages)), seconds)
+
+    def wait_for_values(self, predicate):
+        """Wait for new diagnostics with predicate(level, values); return the values by key."""
+        values = {}
+
+        def matches(message):
+            status = message.status[0]
+            values.clear()
+            values.update((item.key, item.value) for item in status.values)
+            return predicate(status.level, values)
+
+        self.wait(matches, start=len(self.messages))
+        return values
+
+    def wait_for_stamp(self, seconds):
+        """Wait for a message with this stamp in its header."""
+        stamp_ns = round(seconds * SECOND)
+        return self.wait(lambda message: nanoseconds(message.header.stamp) == stamp_ns)
 
     def wait_for(self, count):
-        """Wait until so many messages have come."""
+        """Wait for so many messages in total."""
         self._wait(lambda: len(self.messages) >= count, f"less than {count} messages")
 
     def _wait(self, condition, complaint):
@@ -126,23 +144,23 @@ class Inbox:
 
 
 class Outbox:
-    """A publisher that knows who listens."""
+    """A publisher that counts its subscribers."""
 
     def __init__(self):
         self.publisher = None
-        self._listeners = 0
+        self._subscribers = 0
         self._changed = Condition()
 
     def matched(self, event):
-        """Note how many subscribers there are."""
+        """Store the number of subscribers."""
         with self._changed:
-            self._listeners = event.current_count
+            self._subscribers = event.current_count
             self._changed.notify_all()
 
-    def wait_for_listener(self):
+    def wait_for_subscriber(self):
         """Wait until a subscriber is connected."""
         with self._changed:
-            assert self._changed.wait_for(lambda: self._listeners > 0, LIMIT), "nobody listens"
+            assert self._changed.wait_for(lambda: self._subscribers > 0, LIMIT), "no subscriber"
         return self
 
     def send(self, message):
@@ -151,7 +169,7 @@ class Outbox:
 
 
 class Peer:
-    """A node in this process, with its callbacks in a thread."""
+    """A node in this process whose callbacks run in a thread."""
 
     def __init__(self, domain, namespace=""):
         self.context = Context()
@@ -169,7 +187,7 @@ class Peer:
             self._executor.spin_once()
 
     def close(self):
-        """Leave the network."""
+        """Destroy the node and end the thread."""
         self._open = False
         self._executor.create_task(lambda: None)  # something to do, so that spin_once ends
         self._thread.join()
@@ -177,8 +195,8 @@ class Peer:
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
-    def listen(self, kind, topic, raw=False):
-        """Subscribe, and wait until the publisher is there; raw: messages as bytes."""
+    def subscribe(self, kind, topic, raw=False):
+        """Subscribe, and wait for a publisher; raw: messages as bytes."""
         inbox = Inbox()
         events = SubscriptionEventCallbacks(matched=inbox.matched)
         self.node.create_subscription(
@@ -187,15 +205,15 @@ class Peer:
         return inbox.wait_for_publisher()
 
     def wait_until_known(self, namespace=""):
-        """Wait until the segmenter knows of all that we listen to, and not only we of it."""
-        self.listen(MarkerArray, f"{namespace}/ellipsoids").wait_for(1)
+        """Wait until the segmenter knows all subscriptions of this node."""
+        self.subscribe(MarkerArray, f"{namespace}/ellipsoids").wait_for(1)
 
-    def speak(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
-        """Make a publisher, and wait until somebody listens."""
-        return self.publisher(kind, topic, reliability).wait_for_listener()
+    def publish(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
+        """Create a publisher, and wait for a subscriber."""
+        return self.publisher(kind, topic, reliability).wait_for_subscriber()
 
     def publisher(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
-        """Make a publisher."""
+        """Create a publisher."""
         outbox = Outbox()
         events = PublisherEventCallbacks(matched=outbox.matched)
         qos = QoSProfile(depth=1000, reliability=reliability)
@@ -213,7 +231,7 @@ class Peer:
         return answered.wait(lambda _: True).result()
 
     def set(self, node, **values):
-        """Set parameters (`__` for a dot), one by one; the answers in the same order."""
+        """Set parameters (`__` for a dot) one by one; return the results in the same order."""
         request = SetParameters.Request()
         for name, value in values.items():
             parameter = Parameter(name.replace("__", "."), value=value)
@@ -239,6 +257,11 @@ def peer(domain, namespace=""):
         yield found
     finally:
         found.close()
+
+
+def parameters(**values):
+    """ROS arguments that set parameters."""
+    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
 
 
 def nanoseconds(time):

@@ -74,7 +74,7 @@ def groups_of(found):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_points_come_from_parents_predecessor_or_nowhere_and_from_nothing_else(seed):
+def test_points_come_only_from_parents_the_predecessor_or_new_data(seed):
     happened = [Counter(), Counter()]
     before = NO_GROUPS, NO_GROUPS
     for found in stream(seed):
@@ -99,7 +99,7 @@ def test_points_come_from_parents_predecessor_or_nowhere_and_from_nothing_else(s
 
 @pytest.mark.parametrize("period", [0.0, 3.0, 1000.0])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_copy_is_exact_whenever_it_is_in_step(seed, period):
+def test_mirror_is_exact_while_in_step(seed, period):
     rng = np.random.default_rng(seed)
     sender = SegmentStream(NodeConfig(full_segments_period=period))
     mirror = SegmentMirror()
@@ -123,7 +123,7 @@ def test_a_copy_is_exact_whenever_it_is_in_step(seed, period):
     assert (changes > 5) == (period > 0.0)
 
 
-def test_a_message_of_changes_lists_nothing_else():
+def test_change_message_lists_only_changes():
     sender = SegmentStream(NodeConfig(full_segments_period=1000.0))
     before, listed, there = {}, 0, 0
     for found in stream(1):
@@ -141,7 +141,7 @@ def test_a_message_of_changes_lists_nothing_else():
     assert 0 < listed < 0.9 * there
 
 
-def test_a_bag_written_offline_has_the_same_messages(tmp_path):
+def test_offline_bag_has_the_same_messages(tmp_path):
     config = NodeConfig(full_segments_period=3.0)
     sender, found = SegmentStream(config), list(stream(4, 12))
     with BagSink(tmp_path / "bag", config) as bag:
@@ -151,7 +151,7 @@ def test_a_bag_written_offline_has_the_same_messages(tmp_path):
     assert written == [sender.update(one) for one in found]
 
 
-def test_full_messages_come_by_the_stamps_whoever_listened():
+def test_full_messages_depend_on_stamps_only():
     found = list(stream(3))
     everybody, latecomer = (SegmentStream(NodeConfig(full_segments_period=5.0)) for _ in "12")
     first = [decoded(everybody.update(one)).full for one in found]
@@ -165,14 +165,14 @@ def test_full_messages_come_by_the_stamps_whoever_listened():
     assert all(full for full, one in zip(first, found, strict=True) if one.restart)
 
 
-def test_the_first_message_lists_everything_at_any_time():
+def test_first_message_is_full():
     segmenter, points = Segmenter(Config()), np.random.default_rng(0).normal(size=(50, 3))
     found = [segmenter.process(Sweep(k * SECOND, points + k)) for k in range(4)]
     sender = SegmentStream(NodeConfig(full_segments_period=10.0))
     assert [decoded(sender.update(one)).full for one in found] == [True, False, False, False]
 
 
-def test_a_period_set_later_begins_with_a_message_that_lists_everything():
+def test_new_period_starts_with_a_full_message():
     segmenter, points = Segmenter(Config()), np.random.default_rng(0).normal(size=(50, 3))
     found = [segmenter.process(Sweep((100 + k) * SECOND, points + k)) for k in range(6)]
     sender, told = SegmentStream(NodeConfig()), []
@@ -182,7 +182,7 @@ def test_a_period_set_later_begins_with_a_message_that_lists_everything():
     assert told == [True, True, False, True, True, False]
 
 
-def test_changes_of_another_run_are_not_taken_for_ones_own():
+def test_changes_of_another_run_are_not_applied():
     ours, others = list(stream(1)), list(stream(2))
     mirror = SegmentMirror()
     mirror.update(decoded(write_segments(ours[4])))
@@ -192,7 +192,7 @@ def test_changes_of_another_run_are_not_taken_for_ones_own():
     assert not mirror.update(later)
 
 
-def test_what_is_listed_as_unchanged_has_no_parents():
+def test_unchanged_items_have_no_parents():
     mirror = SegmentMirror()
     sender = SegmentStream(NodeConfig(full_segments_period=1000.0))
     for found in stream(5):

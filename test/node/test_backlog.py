@@ -28,7 +28,7 @@ def drain(backlog):
     return tasks
 
 
-def test_tasks_come_out_in_the_order_they_came_in():
+def test_tasks_keep_their_order():
     backlog = Backlog()
     tasks = [update(1), Reset("why"), update(2), update(3)]
     assert [backlog.put(task) for task in tasks] == [None] * 4
@@ -36,14 +36,14 @@ def test_tasks_come_out_in_the_order_they_came_in():
     assert drain(backlog) == tasks
 
 
-def test_up_to_the_limit_nothing_is_joined():
+def test_up_to_the_limit_nothing_is_coalesced():
     backlog = Backlog()
     tasks = [update(1), update(2)]
     assert [backlog.put(task, 2) for task in tasks] == [None, None]
     assert drain(backlog) == tasks
 
 
-def test_beyond_the_limit_all_are_taken_together_and_no_point_is_lost():
+def test_beyond_the_limit_all_updates_are_coalesced_without_loss():
     backlog = Backlog()
     for stamp in (1, 2):
         backlog.put(update(stamp), 2)
@@ -55,7 +55,7 @@ def test_beyond_the_limit_all_are_taken_together_and_no_point_is_lost():
     assert joined.config.criterion == "density"
 
 
-def test_what_was_joined_is_joined_again():
+def test_coalesced_updates_are_coalesced_again():
     backlog = Backlog()
     said = [backlog.put(update(stamp), 1) for stamp in (1, 2, 3)]
     assert said == [None, Overload(1, 0), Overload(1, 0)]
@@ -63,7 +63,7 @@ def test_what_was_joined_is_joined_again():
     assert len(joined.sweep) == 6
 
 
-def test_what_was_joined_and_is_then_given_up_counts_once():
+def test_update_coalesced_and_then_dropped_counts_once():
     backlog = Backlog()
     tasks = [update(1), update(2), update(3), update(4, restart="a jump"), update(5)]
     said = [one for task in tasks if (one := backlog.put(task, 1))]
@@ -72,7 +72,7 @@ def test_what_was_joined_and_is_then_given_up_counts_once():
 
 
 @pytest.mark.parametrize("restart", [update(3, restart="a jump"), Reset("asked for")])
-def test_updates_before_a_restart_are_given_up_not_joined_over_it(restart):
+def test_updates_before_a_restart_are_dropped(restart):
     backlog = Backlog()
     for task in (update(1), update(2), restart, update(4)):
         said = backlog.put(task, 3 if isinstance(restart, Update) else 2)
@@ -86,7 +86,7 @@ def test_updates_before_a_restart_are_given_up_not_joined_over_it(restart):
         assert left[0].sweep.times_ns.tolist() == [3, 3, 4, 4]
 
 
-def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
+def test_coalesced_updates_evict_points_as_a_window_does():
     backlog, config = Backlog(), Config(max_points=7, window_duration=100.0)
     groups = [update(stamp, max_points=7, window_duration=100.0) for stamp in range(1, 21)]
     groups[0] = replace(groups[0], sweep=replace(groups[0].sweep, restart="a jump"))
@@ -103,7 +103,7 @@ def test_of_what_is_taken_together_the_newest_points_stay_as_in_a_window():
 
 
 @pytest.mark.parametrize("limits", [{"max_points": 10}, {"max_points": 10**9}, {"max_points": 0}])
-def test_what_waits_is_bounded_by_the_window_and_by_its_bytes(limits, monkeypatch):
+def test_backlog_is_bounded_by_points_and_bytes(limits, monkeypatch):
     monkeypatch.setattr("ellipseg_ros.core.window.MAX_WINDOW_BYTES", 40)
     backlog = Backlog()
     for stamp in range(1, 101):
@@ -114,7 +114,7 @@ def test_what_waits_is_bounded_by_the_window_and_by_its_bytes(limits, monkeypatc
     assert left == 200 if limits["max_points"] == 0 else 10 <= left <= 12
 
 
-def test_groups_are_joined_once_when_it_is_their_turn(monkeypatch):
+def test_groups_are_joined_once_when_due(monkeypatch):
     lengths = []
     monkeypatch.setattr(
         "ellipseg_ros.node.backlog.join_sweeps",
@@ -128,14 +128,14 @@ def test_groups_are_joined_once_when_it_is_their_turn(monkeypatch):
     assert lengths == [100]
 
 
-def test_it_cannot_grow_by_restarts_alone():
+def test_restarts_do_not_grow_the_backlog():
     backlog = Backlog()
     for stamp in range(100):
         backlog.put(update(stamp, restart="two sensors on one topic"), 2)
         assert backlog.waiting() <= 2
 
 
-def test_who_waits_is_woken_by_a_task_and_by_the_end():
+def test_get_returns_on_a_task_and_on_close():
     backlog = Backlog()
     got = []
     for wake, expected in (
@@ -151,14 +151,14 @@ def test_who_waits_is_woken_by_a_task_and_by_the_end():
     assert backlog.closed
 
 
-def test_after_the_end_nothing_is_given_out():
+def test_get_returns_nothing_after_close():
     backlog = Backlog()
     backlog.put(update(1))
     backlog.close()
     assert backlog.get(60.0) is None
 
 
-def test_a_group_that_cannot_be_joined_leaves_a_working_queue():
+def test_failed_coalescing_leaves_a_working_queue():
     backlog = Backlog()
     odd = update(2)
     kinds = [[("x", "f4", (2,))], [("x", "f4", (3,))]]
@@ -174,7 +174,7 @@ def test_a_group_that_cannot_be_joined_leaves_a_working_queue():
     assert drain(backlog) == [tasks[0], tasks[2]]
 
 
-def test_a_flood_of_calls_is_no_flood_of_tasks():
+def test_redundant_tasks_are_not_queued():
     backlog = Backlog()
     for k in range(1000):
         backlog.put(Reset(f"call {k}"))
@@ -185,7 +185,7 @@ def test_a_flood_of_calls_is_no_flood_of_tasks():
     assert backlog.get(0.0) is None
 
 
-def test_a_reset_after_a_cloud_counts_again():
+def test_reset_after_an_update_is_queued_again():
     backlog = Backlog()
     tasks = [Reset("one"), update(1), Reset("two")]
     for task in (tasks[0], tasks[0], *tasks[1:]):

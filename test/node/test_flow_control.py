@@ -31,7 +31,7 @@ def ends(sweeps, config):
     return [segmenter.process(group).end_ns for group in groups]
 
 
-def test_clouds_may_go_until_they_are_too_far_ahead():
+def test_clouds_may_be_sent_until_too_far_ahead():
     flow = FlowControl(Config(), ahead=0.5)
     sent = 0
     for sweep in clouds(10.0, 30):
@@ -70,7 +70,7 @@ DRIVES = {
 @pytest.mark.parametrize("name", DRIVES)
 @pytest.mark.parametrize("ahead", [0.001, 1.0, 5.0])
 @pytest.mark.parametrize("period", [1.0, 0.5])  # of the node; the replayer reckons with 1.0
-def test_the_segmenter_and_the_replayer_never_wait_for_each_other(name, ahead, period):
+def test_no_deadlock_between_segmenter_and_replayer(name, ahead, period):
     drive = DRIVES[name]
     coming = iter(ends(drive, Config(update_period=period)))
     flow = FlowControl(Config(), ahead)
@@ -83,7 +83,7 @@ def test_the_segmenter_and_the_replayer_never_wait_for_each_other(name, ahead, p
     assert flow.outstanding == 0
 
 
-def test_with_a_slower_node_enough_sensor_time_ahead_is_enough():
+def test_longer_update_period_of_the_node_is_tolerated():
     drive = clouds(0.0, 100)
     coming = iter(ends(drive, Config(update_period=2.0)))
     flow = FlowControl(Config(update_period=1.0), ahead=3.0)
@@ -96,7 +96,7 @@ def test_with_a_slower_node_enough_sensor_time_ahead_is_enough():
     assert flow.outstanding <= 1
 
 
-def test_what_is_given_up_is_not_waited_for():
+def test_abandoned_updates_are_not_waited_for():
     flow = FlowControl(Config(), ahead=0.1)
     for sweep in clouds(0.0, 11):
         flow.send(sweep)

@@ -42,7 +42,7 @@ def ready():
     return found
 
 
-def test_before_the_first_cloud_it_says_why_there_is_none(clock):
+def test_report_before_the_first_cloud(clock):
     found = Health()
     report = found.report(0)
     assert (report.level, report.message.split(",")[0]) == (WARN, "loading the kernels")
@@ -52,7 +52,7 @@ def test_before_the_first_cloud_it_says_why_there_is_none(clock):
     assert "time since the last update [s]" not in report.values
 
 
-def test_good_clouds_are_fine_and_their_rate_is_told(clock):
+def test_valid_clouds_are_ok_with_their_rate(clock):
     found = ready()
     for _ in range(20):
         found.cloud()
@@ -63,7 +63,7 @@ def test_good_clouds_are_fine_and_their_rate_is_told(clock):
     assert report.values["updates in backlog"] == "1"
 
 
-def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
+def test_missing_input_is_a_warning_until_the_next_cloud(clock):
     found = ready()
     found.cloud()
     clock.s += 5.1
@@ -72,7 +72,7 @@ def test_silence_is_worth_a_warning_and_a_cloud_ends_it(clock):
     assert found.report(0).level == OK
 
 
-def test_points_that_left_no_trace_are_told(clock):
+def test_late_and_evicted_points_are_reported(clock):
     found = ready()
     found.cloud()
     found.updated(window(late=3, evicted=40), 0.1, 0.2)
@@ -84,7 +84,7 @@ def test_points_that_left_no_trace_are_told(clock):
     assert found.report(0).level == OK
 
 
-def test_a_window_that_begins_anew_again_and_again_is_worth_a_warning(clock):
+def test_repeated_restarts_are_a_warning(clock):
     found = ready()
     for times in (1, 3):
         found.cloud()
@@ -96,7 +96,7 @@ def test_a_window_that_begins_anew_again_and_again_is_worth_a_warning(clock):
     assert report.values["restarts"] == "4"
 
 
-def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
+def test_some_rejected_clouds_are_a_warning_and_only_rejected_ones_an_error(clock):
     found = ready()
     found.cloud()
     found.cloud()
@@ -114,7 +114,7 @@ def test_some_bad_clouds_are_a_warning_and_nothing_else_an_error(clock):
     assert report.values["clouds rejected"] == "2"
 
 
-def test_the_reasons_of_an_error_are_those_of_its_time(clock):
+def test_error_lists_the_reasons_since_the_last_report(clock):
     found = ready()
     for reason in ("no_xyz", "stamp"):
         found.cloud()
@@ -122,7 +122,7 @@ def test_the_reasons_of_an_error_are_those_of_its_time(clock):
         assert found.report(0).message == f"every cloud is rejected: {reason}"
 
 
-def test_a_group_that_is_rejected_says_nothing_of_the_clouds_that_come(clock):
+def test_rejected_group_is_a_warning(clock):
     found = ready()
     found.cloud()
     found.group_rejected("fields")
@@ -131,7 +131,7 @@ def test_a_group_that_is_rejected_says_nothing_of_the_clouds_that_come(clock):
     assert report.values["clouds rejected: fields"] == "1"
 
 
-def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
+def test_lost_coalesced_and_dropped_are_counted_and_warned_of_once(clock):
     found = ready()
     found.cloud()
     found.count(lost=3)
@@ -147,7 +147,7 @@ def test_lost_joined_and_given_up_are_counted_and_said_once(clock):
     assert [later.values[name] for name in names] == ["3", "2", "1", "700"]
 
 
-def test_points_that_expired_before_their_update_are_told_with_the_others(clock):
+def test_points_evicted_in_the_backlog_are_included(clock):
     found = ready()
     found.cloud()
     found.count(coalesced=1, dropped=0, evicted=30)
@@ -157,7 +157,7 @@ def test_points_that_expired_before_their_update_are_told_with_the_others(clock)
     assert report.values["points evicted"] == "40"
 
 
-def test_times_are_those_of_the_last_hundred_updates(clock):
+def test_times_are_of_the_last_hundred_updates(clock):
     found = ready()
     for k in range(150):
         found.updated(window(), processing=k / 1000, latency=k / 100)
@@ -167,7 +167,7 @@ def test_times_are_those_of_the_last_hundred_updates(clock):
     assert float(values["latency p99 [s]"]) == pytest.approx(1.48, abs=0.01)
 
 
-def test_the_window_and_the_last_restart_are_described(clock):
+def test_window_and_last_restart_are_reported(clock):
     found = Health()
     found.updated(window(restart="a jump"), 0.1, 0.2)
     found.updated(window(), 0.1, 0.2)
@@ -178,7 +178,7 @@ def test_the_window_and_the_last_restart_are_described(clock):
     assert (values["window [s]"], values["segments"], values["AICc"]) == ("20.000", "7", "-12.3")
 
 
-def test_an_update_without_an_end_is_an_error(clock):
+def test_endless_update_is_an_error(clock):
     found = ready()
     found.cloud()
     with found.work():
@@ -197,7 +197,7 @@ def test_an_update_without_an_end_is_an_error(clock):
     assert (report.level, report.values["current update duration [s]"]) == (OK, "0.0")
 
 
-def test_three_late_updates_in_a_row_are_too_slow(clock):
+def test_three_consecutive_late_updates_are_a_warning(clock):
     found = ready()
     levels = []
     for latency in (1.5, 0.2, 1.1, 1.2, 1.3, 0.9):
@@ -211,7 +211,7 @@ def test_three_late_updates_in_a_row_are_too_slow(clock):
     assert levels == [OK, OK, OK, OK, WARN, OK]
 
 
-def test_slowness_of_before_a_silence_is_forgotten(clock):
+def test_lateness_before_a_gap_in_the_input_is_forgotten(clock):
     found = ready()
     for _ in range(3):
         found.cloud()
@@ -222,7 +222,7 @@ def test_slowness_of_before_a_silence_is_forgotten(clock):
     assert found.report(0).level == OK
 
 
-def test_ages_and_memory_are_told(clock):
+def test_ages_and_memory_are_reported(clock):
     found = ready()
     found.updated(window(), 0.1, 0.2)
     clock.s += 3.0
@@ -234,7 +234,7 @@ def test_ages_and_memory_are_told(clock):
     assert 10 < float(values["memory [MB]"]) < 100_000
 
 
-def test_another_node_that_publishes_the_same_is_worth_a_warning(clock):
+def test_other_publisher_is_a_warning(clock):
     found = ready()
     found.cloud()
     found.other_publishers = 1

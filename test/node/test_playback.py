@@ -66,7 +66,7 @@ def playing(source, **options):
         audience.end()
 
 
-def test_everything_is_sent_in_order_and_summed_up():
+def test_all_clouds_are_sent_in_order_and_summarized():
     source = clouds(20)
     with playing(source, rate=0.0) as audience:
         summary = audience.end()
@@ -76,7 +76,7 @@ def test_everything_is_sent_in_order_and_summed_up():
     assert summary.updates == summary.missed == 0
 
 
-def test_no_cloud_comes_before_its_time():
+def test_no_cloud_is_sent_early():
     with playing(clouds(6, step=0.2), rate=4.0) as audience:
         summary = audience.end()
     begun = audience.times[0]
@@ -85,7 +85,7 @@ def test_no_cloud_comes_before_its_time():
     assert summary.wall_seconds >= 0.25 - 1e-3
 
 
-def test_a_jump_back_and_a_new_run_begin_at_once():
+def test_jump_back_is_sent_immediately():
     far = clouds(2, start=5000.0)
     with playing(far + clouds(2, start=100.0), rate=1.0) as audience:
         summary = audience.end()
@@ -93,19 +93,19 @@ def test_a_jump_back_and_a_new_run_begin_at_once():
     assert summary.sensor_seconds == pytest.approx(0.2)
 
 
-def test_a_loop_plays_again_until_it_is_stopped():
+def test_loop_repeats_until_stopped():
     with playing(clouds(3), rate=0.0, loop=True) as audience:
         audience.wait_for(10)
     assert audience.sent[:4] == [100.0, 100.1, 100.2, 100.0]
     assert audience.summary.runs >= 3
 
 
-def test_an_empty_source_ends_even_in_a_loop():
+def test_empty_source_ends_a_loop():
     with playing([], loop=True) as audience:
         assert audience.end().clouds == 0
 
 
-def test_nothing_is_sent_until_somebody_listens():
+def test_nothing_is_sent_without_a_subscriber():
     with playing(clouds(2), rate=0.0, wait_for_subscriber=True) as audience:
         assert audience.sent == []
         audience.playback.subscribed()
@@ -114,7 +114,7 @@ def test_nothing_is_sent_until_somebody_listens():
     assert audience.said == ["waiting for a subscriber of `points`"]
 
 
-def test_paused_it_waits_and_goes_on_where_it_was():
+def test_paused_replay_starts_on_request():
     with playing(clouds(5), rate=0.0, start_paused=True) as audience:
         assert audience.sent == []
         audience.playback.pause(False)
@@ -122,7 +122,7 @@ def test_paused_it_waits_and_goes_on_where_it_was():
     assert len(audience.sent) == 5
 
 
-def test_a_pause_in_the_middle_shifts_what_follows():
+def test_pause_delays_the_remaining_clouds():
     stop = threading.Event()
 
     def source():
@@ -142,7 +142,7 @@ def test_a_pause_in_the_middle_shifts_what_follows():
     assert len(audience.sent) == 6
 
 
-def test_it_stays_ahead_of_the_node_by_no_more_than_it_may():
+def test_replay_is_limited_to_ahead():
     with playing(clouds(50), rate=0.0, ahead=0.5) as audience:
         audience.wait_for(11)
         for update in range(1, 5):
@@ -153,7 +153,7 @@ def test_it_stays_ahead_of_the_node_by_no_more_than_it_may():
     assert (summary.clouds, summary.updates, summary.missed) == (50, 4, 0)
 
 
-def test_it_goes_on_without_a_node_that_is_silent_and_says_so():
+def test_replay_continues_without_updates_and_logs_it():
     with playing(clouds(35), rate=0.0, ahead=0.5, update_timeout=0.1) as audience:
         summary = audience.end()
     assert summary.clouds == 35
@@ -170,7 +170,7 @@ def test_it_goes_on_without_a_node_that_is_silent_and_says_so():
         {"rate": 0.0, "ahead": 0.1},
     ],
 )
-def test_it_stops_whatever_it_waits_for(options):
+def test_stop_ends_every_wait(options):
     with playing(clouds(50), **options) as audience:
         pass
     assert audience.summary.clouds < 50

@@ -64,10 +64,10 @@ class Meeting:
 
     def __init__(self, me):
         self.me = me
-        self.associations = me.listen(Association, "associations")
-        self.markers = me.listen(MarkerArray, "association_markers")
-        self.diagnostics = me.listen(DiagnosticArray, "/diagnostics")
-        self.landmarks = me.speak(LandmarkArray, "landmarks")
+        self.associations = me.subscribe(Association, "associations")
+        self.markers = me.subscribe(MarkerArray, "association_markers")
+        self.diagnostics = me.subscribe(DiagnosticArray, "/diagnostics")
+        self.landmarks = me.publish(LandmarkArray, "landmarks")
 
     def update(self, found, stamp, **options):
         """Send landmarks, and wait for the association and its markers."""
@@ -267,7 +267,7 @@ def test_a_map_that_cannot_be_read_ends_the_start_in_one_line(domain, tmp_path, 
     arguments = ["-p", f"map_file:={tmp_path / name}"]
     with running("associator_node", arguments, tmp_path / "log") as process:
         assert process.wait() == 2
-        assert why in process.said and "Traceback" not in process.said
+        assert why in process.output and "Traceback" not in process.output
 
 
 @pytest.mark.parametrize(

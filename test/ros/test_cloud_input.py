@@ -55,22 +55,22 @@ def send(outbox, here, numbers, points=10):
 
 
 @pytest.mark.parametrize("first", ["publisher", "subscriber"])
-def test_a_reliable_publisher_is_heard_reliably_and_each_cloud_once(first, me, ros_domain):
+def test_reliable_publisher_is_received_reliably_and_each_cloud_once(first, me, ros_domain):
     numbers = list(range(MAX_OVERLAP + 5))
     if first == "publisher":
         outbox = me.publisher(PointCloud2, "/points")
         with listening(ros_domain) as here:
-            send(outbox.wait_for_listener(), here, numbers)
+            send(outbox.wait_for_subscriber(), here, numbers)
     else:
         with listening(ros_domain) as here:
-            send(me.speak(PointCloud2, "/points"), here, numbers)
+            send(me.publish(PointCloud2, "/points"), here, numbers)
     assert here.came.messages == numbers and here.lost == []
     assert here.points.reliability == RELIABLE
 
 
-def test_large_clouds_come_whole_from_a_reliable_publisher(me, ros_domain):
+def test_large_clouds_of_a_reliable_publisher_are_complete(me, ros_domain):
     with listening(ros_domain) as here:
-        outbox = me.speak(PointCloud2, "/points")
+        outbox = me.publish(PointCloud2, "/points")
         send(outbox, here, range(2))
         large = range(2, 22)
         for number in large:
@@ -79,15 +79,15 @@ def test_large_clouds_come_whole_from_a_reliable_publisher(me, ros_domain):
     assert here.came.messages == list(range(22)) and here.lost == []
 
 
-def test_a_best_effort_publisher_beside_a_reliable_one_is_heard_too(me, ros_domain):
+def test_best_effort_publisher_beside_a_reliable_one_is_received(me, ros_domain):
     with listening(ros_domain) as here:
-        reliable = me.speak(PointCloud2, "/points")
+        reliable = me.publish(PointCloud2, "/points")
         send(reliable, here, range(MAX_OVERLAP + 1))
         assert here.points.reliability == RELIABLE
-        careless = me.speak(PointCloud2, "/points", BEST_EFFORT)
+        careless = me.publish(PointCloud2, "/points", BEST_EFFORT)
         for number in range(100, 200):  # such a publisher sends nothing twice
             careless.send(wall(number, points=10))
-            if here.came.comes(lambda one: one >= 100, 0.5):
+            if here.came.arrives(lambda one: one >= 100, 0.5):
                 break
         assert here.points.reliability == BEST_EFFORT
         send(reliable, here, range(200, 205))
@@ -95,12 +95,12 @@ def test_a_best_effort_publisher_beside_a_reliable_one_is_heard_too(me, ros_doma
 
 
 @pytest.mark.parametrize("given", ["best_effort", "reliable"])
-def test_what_is_given_stays(given, me, ros_domain):
+def test_fixed_reliability_does_not_adapt(given, me, ros_domain):
     with listening(ros_domain, input_reliability=given) as here:
-        outbox = me.speak(PointCloud2, "/points")
+        outbox = me.publish(PointCloud2, "/points")
         for number in range(100):  # best effort, what comes before both ends match is lost
             outbox.send(wall(number, points=10))
-            if here.came.comes(lambda _: True, 0.5):
+            if here.came.arrives(lambda _: True, 0.5):
                 break
         assert here.came.messages and here.points.reliability.name.lower() == given
 
@@ -123,7 +123,7 @@ class Counted:
         return None
 
 
-def test_one_of_two_publishers_that_goes_has_lost_nothing():
+def test_departure_of_a_publisher_is_not_a_loss():
     node, lost = Counted(), []
     points = CloudInput(node, NodeConfig(), lambda _: None, lost.append)
 
@@ -172,7 +172,7 @@ class Early:
 
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_publisher_that_is_found_while_it_subscribes_is_adapted_to():
+def test_publisher_matched_during_subscription_is_adapted_to():
     node = Early()
     points = CloudInput(node, NodeConfig(), None, None)
     node.found.join()

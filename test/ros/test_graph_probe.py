@@ -58,14 +58,14 @@ def told(rows, text):
     return row["level"]
 
 
-def test_without_anybody_it_says_so(domain, examine):
+def test_empty_graph_is_reported(domain, examine):
     code, rows = examine("--seconds", "0.2")
     assert code == 1
     assert told(rows, "there is no other node") == "warn"
     assert told(rows, "/points has no publisher") == "error"
 
 
-def test_clouds_of_a_sensor_on_another_topic(domain, examine):
+def test_sensor_clouds_on_another_topic(domain, examine):
     with stream(domain, "/velodyne_points", ReliabilityPolicy.BEST_EFFORT, "velodyne"):
         code, rows = examine("--seconds", "0.2")
         assert code == 1
@@ -80,7 +80,7 @@ def test_clouds_of_a_sensor_on_another_topic(domain, examine):
         assert told(rows, "no segmenter runs") == "warn"
 
 
-def test_a_topic_of_another_type(domain, examine):
+def test_topic_of_another_type(domain, examine):
     with peer(domain) as me:
         me.node.create_publisher(String, "/points", 10)
         code, rows = examine("--seconds", "0.2")
@@ -88,20 +88,20 @@ def test_a_topic_of_another_type(domain, examine):
     assert told(rows, "/points is published as std_msgs/msg/String") == "error"
 
 
-def test_a_bag_that_is_played_is_no_segmenter(domain, examine):
+def test_played_bag_is_not_a_segmenter(domain, examine):
     with stream(domain, "/points") as me:
         me.node.create_publisher(SegmentArray, "/segments", 10)
         _, rows = examine("--seconds", "0.5")
     assert told(rows, "no segmenter runs") == "warn"
 
 
-def test_a_node_that_works(domain, examine, tmp_path):
+def test_working_node(domain, examine, tmp_path):
     names = ["-r", "points:=cloud_registered"]
     with (
         running("segmenter_node", names, tmp_path / "log") as process,
         stream(domain, "/cloud_registered") as me,
     ):
-        segments = me.listen(SegmentArray, "/segments", raw=True)
+        segments = me.subscribe(SegmentArray, "/segments", raw=True)
         segments.wait_for(1)
         code, rows = examine("--seconds", "6")
         assert told(rows, "/cloud_registered is published by /peer") == "ok"
@@ -127,7 +127,7 @@ def wait_for_nodes(me, count):
         time.sleep(0.05)  # the graph tells of no change
 
 
-def test_qos_that_does_not_match(domain, examine, tmp_path):
+def test_incompatible_qos(domain, examine, tmp_path):
     reliable = ["-p", "input_reliability:=reliable"]
     with (
         running("segmenter_node", reliable, tmp_path / "log"),
@@ -144,7 +144,7 @@ def test_qos_that_does_not_match(domain, examine, tmp_path):
     assert told(rows, "no cloud yet") == "warn"
 
 
-def test_the_records_hold_what_came(domain):
+def test_snapshot_describes_the_received_clouds(domain):
     with stream(domain, "/front/points"), GraphProbe("", "/front") as observer:
         graph = observer.probe(4.0)
     assert graph.topic.name == "/front/points"
@@ -161,6 +161,6 @@ def test_the_records_hold_what_came(domain):
 
 
 @pytest.mark.parametrize("names", [("", "no slash"), ("a//b", "/")])
-def test_names_that_ros_refuses_are_an_error(domain, names):
+def test_invalid_names_are_an_error(domain, names):
     with pytest.raises(EllipsegError, match="no ROS node can be started"):
         GraphProbe(*names)

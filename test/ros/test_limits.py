@@ -19,7 +19,7 @@ def clock(monkeypatch):
     return now
 
 
-def test_a_quota_is_used_up_and_comes_back(clock):
+def test_quota_is_exhausted_and_renewed(clock):
     quota = Quota(2, 10.0)
     taken = []
     for step in (0.0, 1.0, 1.0, 7.9, 0.1, 0.9, 0.1):
@@ -41,7 +41,7 @@ def test_rare_work_never_waits(clock):
         clock.s += 20.0
 
 
-def test_a_burst_is_paid_back_before_the_next(clock):
+def test_burst_is_repaid_before_the_next(clock):
     share = Share(0.1, burst=2.0)
     work(share, clock, 3.0)
     assert share.wait() == pytest.approx(10.0)  # 1 s more than it had, at 0.1
@@ -49,7 +49,7 @@ def test_a_burst_is_paid_back_before_the_next(clock):
     assert share.wait() == 0.0
 
 
-def test_a_flood_gets_its_share_and_no_more(clock):
+def test_continuous_work_gets_its_share(clock):
     share = Share(0.1, burst=1.0)
     began, done = clock.s, 0.0
     while clock.s < began + 1000.0:
@@ -86,7 +86,7 @@ def calls(pauses, core, count, seconds=0.001):
         pauses.take()
 
 
-def test_a_flood_of_calls_leaves_the_core_to_others(clock, core):
+def test_flood_of_calls_is_limited_to_its_share(clock, core):
     pauses = Pauses(0.2, burst=0.1)
     pauses.take()
     calls(pauses, core, 100)  # the burst, and what is earned meanwhile
@@ -97,14 +97,14 @@ def test_a_flood_of_calls_leaves_the_core_to_others(clock, core):
     assert max(core.pauses) < 0.006  # that clouds wait
 
 
-def test_no_pause_is_long_whatever_a_call_took(core):
+def test_pauses_are_short_after_long_calls(core):
     pauses = Pauses(0.2, burst=0.1)
     pauses.take()
     calls(pauses, core, 3, seconds=2.0)
     assert core.pauses == [MAX_PAUSE_S] * 3
 
 
-def test_what_was_asked_long_ago_is_forgiven(clock, core):
+def test_debt_is_limited_to_a_burst(clock, core):
     pauses = Pauses(0.2, burst=0.1)
     pauses.take()
     calls(pauses, core, 1, seconds=60.0)
@@ -114,7 +114,7 @@ def test_what_was_asked_long_ago_is_forgiven(clock, core):
     assert not core.pauses
 
 
-def test_clouds_are_never_paced(core):
+def test_exempt_callbacks_cause_no_pauses(core):
     pauses = Pauses(0.2, burst=0.1)
     pauses.take()
     for _ in range(100):
@@ -130,7 +130,7 @@ def test_clouds_are_never_paced(core):
     assert len(core.pauses) == 1
 
 
-def test_a_throttled_line_comes_once_and_each_call_of_the_logger_is_one_of_its_own(capfd):
+def test_throttling_is_per_logger_call(capfd):
     logger = get_logger("throttled")
     for _ in range(3):
         logger.warning("one", **throttled(60.0))
@@ -139,7 +139,7 @@ def test_a_throttled_line_comes_once_and_each_call_of_the_logger_is_one_of_its_o
     assert (said.count("]: one"), said.count("]: other")) == (1, 1)
 
 
-def test_no_line_is_throttled_by_a_clock_that_can_be_set():
+def test_throttling_uses_the_steady_clock():
     assert throttled()["throttle_time_source_type"].clock_type == ClockType.STEADY_TIME
     folder = Path(limits.__file__).parent
     using = [path.name for path in folder.glob("*.py") if "throttle_" in path.read_text()]

@@ -51,30 +51,17 @@ def meeting(domain, namespace=""):
     with peer(domain, namespace) as me:
         yield SimpleNamespace(
             me=me,
-            segments=me.listen(SegmentArray, "segments"),
-            curves=me.listen(TuningCurve, "tuning_curve"),
-            diagnostics=me.listen(DiagnosticArray, "/diagnostics"),
-            points=me.speak(PointCloud2, "points"),
+            segments=me.subscribe(SegmentArray, "segments"),
+            curves=me.subscribe(TuningCurve, "tuning_curve"),
+            diagnostics=me.subscribe(DiagnosticArray, "/diagnostics"),
+            points=me.publish(PointCloud2, "points"),
         )
 
 
 def update(node, stamp, **options):
     """Send a sweep that closes an update, and wait for its segments."""
     node.points.send(sweep(stamp, **options))
-    wanted = round(stamp * SECOND)
-    return node.segments.wait(lambda message: nanoseconds(message.header.stamp) == wanted)
-
-
-def details(node, wanted):
-    """The details of the first new diagnostics for which wanted(details) is true."""
-    heard = []
-
-    def fits(message):
-        heard[:] = [{pair.key: pair.value for pair in message.status[0].values}]
-        return wanted(heard[0])
-
-    node.diagnostics.wait(fits, start=len(node.diagnostics.messages))
-    return heard[0]
+    return node.segments.wait_for_stamp(stamp)
 
 
 # --- a node in a process of its own ----------------------------------------------------------
@@ -94,13 +81,13 @@ def call(node):
     return node.me.call(Trigger, f"{NODE}/tune")
 
 
-def test_before_the_first_update_the_answer_is_one_line(node):
+def test_tune_before_the_first_update_is_refused_in_one_line(node):
     answer = call(node)
     assert not answer.success
     assert answer.message == "there is no window yet; call again after the first update"
 
 
-def test_a_call_sets_the_threshold_of_least_aicc_and_tells_the_curve(node):
+def test_tune_sets_the_threshold_of_least_aicc_and_publishes_the_curve(node):
     node.points.send(sweep(10.0))
     first = update(node, 11.0)
     assert first.threshold == BAD and first.threshold_change == ""
@@ -122,19 +109,19 @@ def test_a_call_sets_the_threshold_of_least_aicc_and_tells_the_curve(node):
     after, later = update(node, 12.0), update(node, 13.0)
     assert (after.threshold, after.threshold_change) == (best, "tuned")
     assert (later.threshold, later.threshold_change) == (best, "")
-    values = details(node, lambda values: values["threshold changes"] == "1")
+    values = node.diagnostics.wait_for_values(lambda _, values: values["threshold changes"] == "1")
     assert values["last threshold change"] == f"tuned: {best:.6g}"
     assert values["tunings"] == "1" and "shape: least AICc at" in values["last tuning"]
 
 
-def test_a_threshold_set_by_hand_is_marked_too(node):
+def test_threshold_set_by_parameter_is_reported(node):
     assert node.me.set(NODE, threshold=7.0)[0].successful
     assert update(node, 20.0).threshold_change == "set"
     assert node.me.set(NODE, marker_min_count=13)[0].successful
     assert update(node, 21.0).threshold_change == ""
 
 
-def test_with_too_few_points_the_answer_is_one_line(node):
+def test_tune_with_too_few_points_is_refused_in_one_line(node):
     assert node.me.call(Trigger, f"{NODE}/reset").success
     node.points.send(sweep(60.0, points=20))
     update(node, 61.0, points=20)
@@ -143,7 +130,7 @@ def test_with_too_few_points_the_answer_is_one_line(node):
     assert "\n" not in answer.message
 
 
-def test_by_itself_the_node_changes_a_bad_threshold_after_two_curves(node):
+def test_automatic_tuning_changes_a_bad_threshold_after_two_curves(node):
     assert node.me.call(Trigger, f"{NODE}/reset").success
     for answer in node.me.set(NODE, threshold=BAD, auto_tune_period=1):
         assert answer.successful, answer.reason
@@ -206,7 +193,7 @@ def asked(held):
     return answers, thread
 
 
-def test_updates_go_on_while_a_tuning_is_under_way(held):
+def test_updates_continue_during_a_tuning(held):
     held.points.send(sweep(1.0))
     update(held, 2.0)
     answers, thread = asked(held)
@@ -224,7 +211,7 @@ def test_updates_go_on_while_a_tuning_is_under_way(held):
     assert update(held, 6.0).threshold_change == "tuned"
 
 
-def test_a_curve_that_the_settings_have_overtaken_changes_nothing(held):
+def test_outdated_curve_is_not_applied(held):
     held.points.send(sweep(1.0))
     update(held, 2.0)
     answers, thread = asked(held)
@@ -236,7 +223,7 @@ def test_a_curve_that_the_settings_have_overtaken_changes_nothing(held):
     assert update(held, 3.0).threshold == 9.0
 
 
-def test_a_tuning_that_fails_is_told_and_the_node_lives_on(held, monkeypatch):
+def test_failed_tuning_is_reported_and_the_node_continues(held, monkeypatch):
     def failing(*args):
         raise MemoryError("no\nroom")
 
@@ -249,7 +236,7 @@ def test_a_tuning_that_fails_is_told_and_the_node_lives_on(held, monkeypatch):
     assert update(held, 3.0).segmented > 0
 
 
-def test_an_error_that_nobody_expected_ends_the_node(held, monkeypatch):
+def test_unexpected_error_ends_the_node(held, monkeypatch):
     error = RuntimeError("nobody expected this")
 
     def broken(*args):
@@ -303,20 +290,20 @@ class Tunings:
         self.tuner.join(60.0)
 
 
-def test_however_short_the_period_tunings_have_a_share_of_the_time(monkeypatch):
+def test_tunings_are_limited_to_a_share_of_the_time(monkeypatch):
     with Tunings(monkeypatch, 3.0) as tunings:
         tunings.drive(700.0, 0.001)
     share, burst = tuner.TUNING_SHARE
     assert 3.0 * len(tunings.ended) == pytest.approx(share * 600.0 + burst, rel=0.03)
 
 
-def test_a_period_of_tens_of_seconds_is_kept(monkeypatch):
+def test_long_period_is_kept(monkeypatch):
     with Tunings(monkeypatch, 5.5) as tunings:
         tunings.drive(1000.0, 20.0)
     assert tunings.ended == list(np.arange(120.0, 1000.0, 20.0))
 
 
-def test_what_is_asked_for_and_what_it_does_by_itself_have_one_share(monkeypatch):
+def test_requested_and_automatic_tunings_have_one_share(monkeypatch):
     with Tunings(monkeypatch, 25.0) as tunings:
         tunings.drive(102.0, 30.0)
         assert tunings.tuner.request(lambda _: None) == ""
@@ -328,7 +315,7 @@ def test_what_is_asked_for_and_what_it_does_by_itself_have_one_share(monkeypatch
 
 
 @pytest.mark.parametrize("niceness", [0, 19])
-def test_its_priority_is_low_and_never_raised(monkeypatch, niceness):
+def test_priority_is_low_and_never_raised(monkeypatch, niceness):
     present, seen = os.getpriority(os.PRIO_PROCESS, 0), Queue()
 
     def work(found, config):
@@ -351,7 +338,7 @@ def test_its_priority_is_low_and_never_raised(monkeypatch, niceness):
     thread.join(60.0)
 
 
-def test_where_priorities_are_forbidden_it_tunes_all_the_same(monkeypatch):
+def test_tuner_works_without_the_right_to_set_priorities(monkeypatch):
     def forbidden(*args):
         raise PermissionError(13, "Permission denied")
 
@@ -361,7 +348,7 @@ def test_where_priorities_are_forbidden_it_tunes_all_the_same(monkeypatch):
     assert tunings.ended == [102.0, 104.0]
 
 
-def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
+def test_automatic_tuning_once_per_period_of_sensor_time(monkeypatch):
     ended = Queue()
     monkeypatch.setattr(tuner, "tune_window", lambda found, config: Tuned(found, config, None))
     thread = Tuner(lambda tuned: ended.put(tuned.window.end_ns // SECOND), print)
@@ -378,7 +365,7 @@ def test_by_itself_it_tunes_once_a_period_of_sensor_time(monkeypatch):
     assert heard == [3, 6, 11, 14] and ended.empty()
 
 
-def test_a_reset_takes_the_window_away():
+def test_reset_discards_the_window():
     thread = Tuner(print, print)
     thread.observe(random_records.segmentation(), Config(), 0.0)
     thread.reset()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_kit import LIMIT, SECOND, nanoseconds, peer, running, wall
+from node_kit import LIMIT, SECOND, nanoseconds, parameters, peer, running, wall
 from rcl_interfaces.msg import ParameterType
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -68,13 +68,15 @@ def replayed(domain, drive, tmp_path_factory):
         "update_period": 0.5,
         "window_duration": 3,  # an integer for a double
     }
-    given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
     log = tmp_path_factory.mktemp("replayed") / "log"
-    with running("segmenter_node", [*names, *given], log) as process, peer(domain) as me:
-        segments = me.listen(SegmentArray, "/car_1/segments", raw=True)
-        clouds = me.listen(PointCloud2, "/car_1/segmented_points", raw=True)
-        markers = me.listen(MarkerArray, "/car_1/ellipsoids")
-        me.speak(PointCloud2, "/car_1/cloud_registered")  # waits until the node is ready
+    with (
+        running("segmenter_node", [*names, *parameters(**settings)], log) as process,
+        peer(domain) as me,
+    ):
+        segments = me.subscribe(SegmentArray, "/car_1/segments", raw=True)
+        clouds = me.subscribe(PointCloud2, "/car_1/segmented_points", raw=True)
+        markers = me.subscribe(MarkerArray, "/car_1/ellipsoids")
+        me.publish(PointCloud2, "/car_1/cloud_registered")  # waits until the node is ready
         markers.wait_for(1)  # of its greeting: it knows of us
         options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, update_timeout=60.0)
         with Replayer(drive, options, ["--ros-args", *names], domain) as replayer:
@@ -90,7 +92,7 @@ def replayed(domain, drive, tmp_path_factory):
             clouds=clouds.messages,
             markers=markers.messages,
             code=code,
-            said=process.said,
+            output=process.output,
         )
 
 
@@ -102,13 +104,13 @@ def offline(drive):
     return [segmenter.process(group) for group in updates(drive, config)][:-1]
 
 
-def test_the_node_makes_the_same_updates_as_offline(replayed, offline):
+def test_node_makes_the_offline_updates(replayed, offline):
     assert len(replayed.segments) == len(offline) == replayed.summary.updates
     assert len(replayed.clouds) == len(offline)
     assert replayed.summary.missed == 0
 
 
-def test_segments_are_those_of_offline_bit_for_bit(replayed, offline):
+def test_segments_equal_the_offline_ones_bit_for_bit(replayed, offline):
     assert replayed.segments == [write_segments(found) for found in offline]
     messages = [deserialize_message(data, SegmentArray) for data in replayed.segments]
     for message, found in zip(messages, offline, strict=True):
@@ -116,7 +118,7 @@ def test_segments_are_those_of_offline_bit_for_bit(replayed, offline):
         assert message.segmented == found.counts.segmented > 0
 
 
-def test_clouds_are_those_of_offline_bit_for_bit(replayed, offline):
+def test_clouds_equal_the_offline_ones_bit_for_bit(replayed, offline):
     assert replayed.clouds == [write_labelled(found) for found in offline]
     for data, found in zip(replayed.clouds, offline, strict=True):
         points = read_fields(deserialize_message(data, PointCloud2))
@@ -125,7 +127,7 @@ def test_clouds_are_those_of_offline_bit_for_bit(replayed, offline):
             assert np.array_equal(points[name], found.fields[name])
 
 
-def test_ids_go_on_over_restarts_and_the_old_ones_are_removed(replayed, offline):
+def test_ids_are_not_reused_after_a_restart_and_old_ones_are_removed(replayed, offline):
     messages = [deserialize_message(data, SegmentArray) for data in replayed.segments]
     restarts = [k for k, found in enumerate(offline) if found.restart]
     assert len(restarts) == 2
@@ -135,7 +137,7 @@ def test_ids_go_on_over_restarts_and_the_old_ones_are_removed(replayed, offline)
         assert min(s.id for s in after.segments) > max(s.id for s in before.segments)
 
 
-def test_markers_are_all_deleted_at_a_restart_and_at_the_end(replayed, offline):
+def test_restart_and_shutdown_delete_all_markers(replayed, offline):
     restarts = [found.end_ns for found in offline if found.restart]
     cleared = [m.markers[0].header for m in replayed.markers if Marker.DELETEALL in actions(m)]
     assert set(restarts) <= {nanoseconds(header.stamp) for header in cleared}
@@ -143,14 +145,14 @@ def test_markers_are_all_deleted_at_a_restart_and_at_the_end(replayed, offline):
 
 
 def test_restarts_are_said_once_each_with_the_reason(replayed):
-    assert replayed.said.count("the window restarts") == 2
-    assert "the stamps jumped back by 3.900 s" in replayed.said
-    assert "the frame changed from 'odom' to 'map'" in replayed.said
+    assert replayed.output.count("the window restarts") == 2
+    assert "the stamps jumped back by 3.900 s" in replayed.output
+    assert "the frame changed from 'odom' to 'map'" in replayed.output
 
 
 def test_an_interrupt_ends_the_node_in_peace(replayed):
     assert replayed.code == 0
-    assert "Traceback" not in replayed.said
+    assert "Traceback" not in replayed.output
 
 
 # --- a node with its defaults ----------------------------------------------------------------
@@ -164,11 +166,11 @@ def node(domain, tmp_path_factory):
         yield SimpleNamespace(
             process=process,
             me=me,
-            segments=me.listen(SegmentArray, "/segments"),
-            clouds=me.listen(PointCloud2, "/segmented_points"),
-            markers=me.listen(MarkerArray, "/ellipsoids"),
-            diagnostics=me.listen(DiagnosticArray, "/diagnostics"),
-            points=me.speak(PointCloud2, "/points"),
+            segments=me.subscribe(SegmentArray, "/segments"),
+            clouds=me.subscribe(PointCloud2, "/segmented_points"),
+            markers=me.subscribe(MarkerArray, "/ellipsoids"),
+            diagnostics=me.subscribe(DiagnosticArray, "/diagnostics"),
+            points=me.publish(PointCloud2, "/points"),
         )
 
 
@@ -189,24 +191,10 @@ def send(node, *stamps, **options):
 
 def update(node, stamp):
     """The segments of the update that the cloud of this stamp has closed."""
-    wanted = round(stamp * SECOND)
-    return node.segments.wait(lambda message: nanoseconds(message.header.stamp) == wanted)
+    return node.segments.wait_for_stamp(stamp)
 
 
-def details(node, wanted):
-    """The details of the first new diagnostics for which wanted(level, details) is true."""
-    heard = []
-
-    def fits(message):
-        status = message.status[0]
-        heard[:] = [{pair.key: pair.value for pair in status.values}]
-        return wanted(status.level, heard[0])
-
-    node.diagnostics.wait(fits, start=len(node.diagnostics.messages))
-    return heard[0]
-
-
-def test_a_wall_comes_back_on_every_topic(node, start):
+def test_wall_is_published_on_every_topic(node, start):
     send(node, start, start + 1.0)
     found = update(node, start + 1.0)
     assert found.segmented + found.isolated == 800
@@ -223,21 +211,21 @@ def test_a_wall_comes_back_on_every_topic(node, start):
     assert {marker.ns for marker in array.markers if marker.action == Marker.ADD} == {"ellipsoids"}
 
 
-def test_a_best_effort_publisher_is_heard(node, start, domain):
+def test_best_effort_publisher_is_received(node, start, domain):
     def heard(message):
         return nanoseconds(message.header.stamp) >= start * SECOND and message.segmented > 0
 
     with peer(domain) as other:
-        points = other.speak(PointCloud2, "/points", ReliabilityPolicy.BEST_EFFORT)
+        points = other.publish(PointCloud2, "/points", ReliabilityPolicy.BEST_EFFORT)
         for second in range(0, 30, 2):  # such a publisher sends nothing twice: some may get lost
             points.send(wall(start + second))
             points.send(wall(start + second + 1.0))
-            if node.segments.comes(heard, 5.0):
+            if node.segments.arrives(heard, 5.0):
                 break
-        assert node.segments.comes(heard, 0.0)
+        assert node.segments.arrives(heard, 0.0)
 
 
-def test_points_that_are_no_numbers_are_counted(node, start):
+def test_points_that_are_not_finite_are_counted(node, start):
     broken = wall(start + 1.0)
     broken.points[:7] = np.nan
     node.points.send(wall(start))
@@ -247,7 +235,7 @@ def test_points_that_are_no_numbers_are_counted(node, start):
     assert found.segmented + found.isolated == 793
 
 
-def test_every_setting_is_a_parameter_that_explains_itself(node):
+def test_every_setting_is_a_parameter_with_a_description(node):
     settings = [*iterate_settings(Config()), *iterate_settings(NodeConfig())]
     names = [name for name, _, _ in settings]
     described = node.me.describe(NODE, *names)
@@ -275,7 +263,7 @@ def test_every_setting_is_a_parameter_that_explains_itself(node):
         ("max_backlog", 0, "read-only parameter: max_backlog"),
     ],
 )
-def test_a_bad_value_is_refused_with_a_reason(node, name, value, reason):
+def test_invalid_value_is_refused_with_a_reason(node, name, value, reason):
     (before,) = node.me.get(NODE, name.replace("__", "."))
     (answer,) = node.me.set(NODE, **{name: value})
     assert not answer.successful
@@ -283,7 +271,7 @@ def test_a_bad_value_is_refused_with_a_reason(node, name, value, reason):
     assert node.me.get(NODE, name.replace("__", ".")) == [before]
 
 
-def test_a_parameter_takes_effect_at_the_next_update(node, start):
+def test_parameter_takes_effect_at_the_next_update(node, start):
     send(node, start, start + 1.0)
     assert update(node, start + 1.0).threshold == Config().tau
     (answer,) = node.me.set(NODE, threshold=6)  # an integer for a double
@@ -299,7 +287,7 @@ def test_a_parameter_takes_effect_at_the_next_update(node, start):
     assert node.me.set(NODE, criterion="shape")[0].successful
 
 
-def test_a_change_of_the_markers_shows_at_the_next_update(node, start):
+def test_marker_settings_take_effect_at_the_next_update(node, start):
     send(node, start, start + 1.0)
     seen = {segment.id for segment in update(node, start + 1.0).segments if segment.count >= 12}
     assert node.me.set(NODE, marker_min_count=1_000_000)[0].successful
@@ -311,7 +299,7 @@ def test_a_change_of_the_markers_shows_at_the_next_update(node, start):
     assert node.me.set(NODE, marker_min_count=NodeConfig().marker_min_count)[0].successful
 
 
-def test_reset_empties_the_window_and_ids_go_on(node, start):
+def test_reset_empties_the_window_and_ids_are_not_reused(node, start):
     send(node, start, start + 1.0)
     before = update(node, start + 1.0)
     heard = len(node.markers.messages)
@@ -324,7 +312,7 @@ def test_reset_empties_the_window_and_ids_go_on(node, start):
     assert min(s.id for s in after.segments) > max(s.id for s in before.segments)
 
 
-def test_a_jump_back_starts_anew_and_takes_the_markers_away(node, start):
+def test_jump_back_restarts_the_window_and_deletes_markers(node, start):
     send(node, start, start + 1.0)
     update(node, start + 1.0)
     heard = len(node.markers.messages)
@@ -332,8 +320,8 @@ def test_a_jump_back_starts_anew_and_takes_the_markers_away(node, start):
     after = update(node, start - 499.0)
     assert after.segmented + after.isolated == 800
     node.markers.wait(lambda m: Marker.DELETEALL in actions(m), start=heard)
-    assert "the stamps jumped back by 501.000 s" in node.process.said
-    assert int(details(node, lambda *_: True)["restarts"]) > 0
+    assert "the stamps jumped back by 501.000 s" in node.process.output
+    assert int(node.diagnostics.wait_for_values(lambda *_: True)["restarts"]) > 0
 
 
 def no_y(stamp):
@@ -354,28 +342,32 @@ def integers(stamp):
     return message
 
 
-def test_bad_clouds_are_counted_by_reason_and_the_node_lives_on(node, start):
+def test_invalid_clouds_are_counted_by_reason(node, start):
     for bad in (no_y, too_short, integers, too_short):
         node.points.send(bad(start))
     send(node, start, start + 1.0)
     assert update(node, start + 1.0).segmented > 0
-    found = details(node, lambda _, values: values.get("clouds rejected") == "4")
+    found = node.diagnostics.wait_for_values(
+        lambda _, values: values.get("clouds rejected") == "4"
+    )
     assert found["clouds rejected: no_xyz"] == "1"
     assert found["clouds rejected: short_data"] == "2"
     assert found["clouds rejected: xyz_type"] == "1"
-    assert "cloud rejected: the cloud has no field y" in node.process.said
+    assert "cloud rejected: the cloud has no field y" in node.process.output
     assert node.process.alive()
 
 
-def test_nothing_but_bad_clouds_is_an_error(node, start):
+def test_only_invalid_clouds_is_an_error(node, start):
     node.points.send(no_y(start))
-    details(node, lambda level, _: level == DiagnosticStatus.ERROR)
+    node.diagnostics.wait_for_values(lambda level, _: level == DiagnosticStatus.ERROR)
 
 
-def test_diagnostics_tell_how_it_goes(node, start):
+def test_diagnostics_report_the_update(node, start):
     send(node, start, start + 1.0)
     found = update(node, start + 1.0)
-    told = details(node, lambda _, values: values["AICc"] == f"{found.aicc:.1f}")
+    told = node.diagnostics.wait_for_values(
+        lambda _, values: values["AICc"] == f"{found.aicc:.1f}"
+    )
     assert told["points segmented"] == str(found.segmented)
     assert told["points isolated"] == str(found.isolated)
     assert told["segments"] == str(len(found.segments))
@@ -386,34 +378,34 @@ def test_diagnostics_tell_how_it_goes(node, start):
     assert float(told["latency median [s]"]) > float(told["processing median [s]"])
 
 
-def test_a_frame_of_a_sensor_is_processed_with_one_warning(node, start):
+def test_sensor_frame_is_processed_with_one_warning(node, start):
     stamps = [start, start + 1.0, start + 2.0]
     send(node, *stamps, frame_id="velodyne")
     assert update(node, start + 2.0).segmented > 0
-    assert node.process.said.count("PROBABLY THAT OF A SENSOR") == 1
-    details(node, lambda level, _: level == DiagnosticStatus.WARN)
+    assert node.process.output.count("PROBABLY THAT OF A SENSOR") == 1
+    node.diagnostics.wait_for_values(lambda level, _: level == DiagnosticStatus.WARN)
     send(node, start + 3.0, start + 4.0)  # odom again
     assert update(node, start + 4.0).segmented > 0
-    details(node, lambda level, _: level == DiagnosticStatus.OK)
+    node.diagnostics.wait_for_values(lambda level, _: level == DiagnosticStatus.OK)
 
 
-def test_who_comes_late_gets_every_marker(node, start, domain):
+def test_late_subscriber_gets_every_marker(node, start, domain):
     send(node, start, start + 1.0)
     wanted = {s.id for s in update(node, start + 1.0).segments if s.count >= 12}
     with peer(domain) as late:
-        array = late.listen(MarkerArray, "/ellipsoids").wait(lambda m: m.markers)
+        array = late.subscribe(MarkerArray, "/ellipsoids").wait(lambda m: m.markers)
     assert array.markers[0].action == Marker.DELETEALL  # it may show those of a killed node
     assert {marker.id for marker in array.markers if marker.action == Marker.ADD} == wanted
 
 
-def test_termination_takes_the_markers_away_and_is_in_peace(node, start):
+def test_sigterm_deletes_markers_and_ends_cleanly(node, start):
     send(node, start, start + 1.0)
     update(node, start + 1.0)
     heard = len(node.markers.messages)
     node.process.signal(signal.SIGTERM)
     assert node.process.wait(STOP_WITHIN) == 0
     node.markers.wait(lambda m: actions(m) == [Marker.DELETEALL], start=heard)
-    assert "Traceback" not in node.process.said
+    assert "Traceback" not in node.process.output
 
 
 # --- a node in this process ------------------------------------------------------------------
@@ -443,28 +435,21 @@ def spinning(running):
         spinner.stop()
 
 
-def test_clouds_that_a_full_queue_has_dropped_are_counted(inside, domain):
-    def told(wanted):
-        def fits(message):
-            values = {pair.key: pair.value for pair in message.status[0].values}
-            came_and_lost[:] = [int(values[k]) for k in ("clouds received", "clouds lost by DDS")]
-            return wanted(*came_and_lost)
-
-        came_and_lost = []
-        diagnostics.wait(fits, start=len(diagnostics.messages))
-        return came_and_lost
+def test_clouds_dropped_from_a_full_queue_are_counted(inside, domain):
+    def clouds(values):
+        return int(values["clouds received"]), int(values["clouds lost by DDS"])
 
     with peer(domain, "/inside") as me:
-        points = me.speak(PointCloud2, "points")
-        diagnostics = me.listen(DiagnosticArray, "/diagnostics")
+        points = me.publish(PointCloud2, "points")
+        diagnostics = me.subscribe(DiagnosticArray, "/diagnostics")
         with spinning(inside):
             points.send(wall(1.0))
-            told(lambda came, _: came == 1)
+            diagnostics.wait_for_values(lambda _, values: clouds(values)[0] == 1)
         for _ in range(50):  # while the node is too busy to take them
             points.send(wall(1.0))
         with spinning(inside):
-            _, lost = told(lambda came, lost: came + lost == 51)
-    assert lost > 0
+            values = diagnostics.wait_for_values(lambda _, values: sum(clouds(values)) == 51)
+    assert clouds(values)[1] > 0
 
 
 @pytest.mark.parametrize(
@@ -482,10 +467,10 @@ def test_update_finished_after_shutdown_publishes_no_markers(late, inside, domai
 
     monkeypatch.setattr(owner, name, slow)
     with peer(domain, "/inside") as me:
-        points = me.speak(PointCloud2, "points")
+        points = me.publish(PointCloud2, "points")
         markers, segments = (
-            me.listen(MarkerArray, "ellipsoids"),
-            me.listen(SegmentArray, "segments"),
+            me.subscribe(MarkerArray, "ellipsoids"),
+            me.subscribe(SegmentArray, "segments"),
         )
         with spinning(inside):
             points.send(wall(1.0))
@@ -501,7 +486,7 @@ def test_update_finished_after_shutdown_publishes_no_markers(late, inside, domai
     assert segments.messages == []
 
 
-def test_a_tuner_that_ends_a_moment_later_has_ended(inside, monkeypatch):
+def test_close_waits_for_the_tuner(inside, monkeypatch):
     tuner, close_outputs = inside._tuning.tuner, inside._outputs.close
     close = tuner.close
     monkeypatch.setattr(tuner, "close", lambda: None)
@@ -514,20 +499,20 @@ def test_a_tuner_that_ends_a_moment_later_has_ended(inside, monkeypatch):
 # --- starting and stopping -------------------------------------------------------------------
 
 
-def test_a_bad_value_at_the_start_is_one_line_and_exit_code_2(domain, tmp_path):
+def test_invalid_initial_value_is_one_line_and_exit_code_2(domain, tmp_path):
     with running("segmenter_node", ["-p", "graph.neighbours:=2"], tmp_path / "log") as process:
         assert process.wait() == 2
-        (line,) = process.said.splitlines()
+        (line,) = process.output.splitlines()
     assert "neighbours is 2; it must be from 3 to 64" in line
 
 
-def test_a_misspelt_parameter_is_said_and_an_early_end_is_in_peace(domain, tmp_path):
+def test_misspelt_parameter_is_logged_and_early_sigint_ends_cleanly(domain, tmp_path):
     arguments = ["-p", "treshold:=3.0", "-p", "use_sim_time:=true"]
     with running("segmenter_node", arguments, tmp_path / "log") as process, peer(domain) as me:
-        me.listen(DiagnosticArray, "/diagnostics")  # compiling may have only begun
+        me.subscribe(DiagnosticArray, "/diagnostics")  # compiling may have only begun
         process.signal(signal.SIGINT)
         process.signal(signal.SIGINT)
         assert process.wait(STOP_WITHIN) == 0
-        assert "there is no parameter treshold; there are criterion, threshold" in process.said
-        assert "use_sim_time" not in process.said
-        assert "Traceback" not in process.said
+        assert "there is no parameter treshold; there are criterion, threshold" in process.output
+        assert "use_sim_time" not in process.output
+        assert "Traceback" not in process.output

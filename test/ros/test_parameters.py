@@ -77,7 +77,7 @@ def test_a_bad_given_value_is_refused_in_one_line(make_node, word, complaint):
     assert "\n" not in str(refusal.value)
 
 
-def test_changes_are_told_once_and_refused_ones_not_at_all(make_node):
+def test_changes_are_reported_once_and_refused_ones_are_not(make_node):
     node = make_node()
     parameters = Parameters(node, Config(), NodeConfig())
     told = []
@@ -90,7 +90,7 @@ def test_changes_are_told_once_and_refused_ones_not_at_all(make_node):
     assert len(told) == 1 and parameters.records() == told[0]
 
 
-def test_other_parameters_of_the_node_stay_its_own(make_node):
+def test_other_parameters_do_not_change_the_settings(make_node):
     node = make_node()
     parameters = Parameters(node, Config())
     (answer,) = node.set_parameters([Parameter("use_sim_time", value=True)])
@@ -107,9 +107,9 @@ def spun(ros_domain, tmp_path):
         yield node, me
 
 
-def test_a_message_that_rclpy_does_not_take_does_not_end_the_node(spun):
+def test_message_rejected_by_rclpy_does_not_end_the_node(spun):
     node, me = spun
-    clock = me.speak(Clock, "/clock")
+    clock = me.publish(Clock, "/clock")
     assert me.get(NODE, "max_points")
     odd = ParameterMessage(name="threshold", value=ParameterValue(type=200))
     client = me.node.create_client(SetParameters, f"{NODE}/set_parameters")
@@ -118,10 +118,10 @@ def test_a_message_that_rclpy_does_not_take_does_not_end_the_node(spun):
     clock.send(Clock(clock=Time(sec=-1)))
     (taken,) = me.set(NODE, marker_sigmas=3.0)
     assert taken.successful and node.alive()
-    assert node.said.count("invalid message, rejected by rclpy") >= 1
+    assert node.output.count("invalid message, rejected by rclpy") >= 1
 
 
-def test_what_a_callback_of_ours_raises_ends_the_node(make_node):
+def test_error_of_our_callback_ends_the_node(make_node):
     node = make_node()
     ended = SimpleQueue()
     spinner = Spinner(node, ended.put)
@@ -131,7 +131,7 @@ def test_what_a_callback_of_ours_raises_ends_the_node(make_node):
     spinner.stop()
 
 
-def test_the_file_in_config_says_what_config_py_says():
+def test_parameter_file_holds_the_defaults():
     """If not: write as_yaml(Config(), NodeConfig()) to config/segmenter.yaml."""
     text = (ROOT / "config" / "segmenter.yaml").read_text(encoding="utf-8")
     assert text == as_yaml(Config(), NodeConfig())
@@ -141,7 +141,7 @@ def test_the_file_in_config_says_what_config_py_says():
     )
 
 
-def test_the_file_of_the_associator_holds_the_defaults():
+def test_parameter_file_of_the_associator_holds_the_defaults():
     """If not: write what is compared here to config/associator.yaml."""
     text = (ROOT / "config" / "associator.yaml").read_text(encoding="utf-8")
     records = (AssociationConfig(), MapConfig(), AssociatorConfig())
@@ -150,7 +150,7 @@ def test_the_file_of_the_associator_holds_the_defaults():
     assert values == {name: value for record in records for name, value in flatten(record).items()}
 
 
-def test_ros_reads_the_file_as_the_defaults(make_node):
+def test_ros_reads_the_parameter_file_as_the_defaults(make_node):
     node = make_node("--params-file", str(ROOT / "config" / "segmenter.yaml"))
     assert Parameters(node, Config(), NodeConfig()).records() == (Config(), NodeConfig())
 

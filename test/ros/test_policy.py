@@ -63,7 +63,7 @@ def graph(session_ros_domain, tmp_path_factory):
 
 
 @pytest.mark.parametrize("enclave", NODES)
-def test_a_node_does_all_that_it_may_and_no_more(graph, enclave):
+def test_node_uses_exactly_its_rights(graph, enclave):
     name, expected = allowed(enclave)
     end = time.monotonic() + LIMIT
     found = None
@@ -74,7 +74,7 @@ def test_a_node_does_all_that_it_may_and_no_more(graph, enclave):
     assert found == expected
 
 
-def test_an_operator_hears_and_calls_all_of_them(session_ros_domain):
+def test_operator_may_use_all_topics_and_services(session_ros_domain):
     _, operator = allowed("operator")
     topics, services = set(), set()
     for enclave in NODES:
@@ -86,7 +86,7 @@ def test_an_operator_hears_and_calls_all_of_them(session_ros_domain):
     assert operator["publish"] == {"/parameter_events", "/rosout"}
 
 
-def test_the_doctor_may_be_an_operator(session_ros_domain):
+def test_operator_rights_suffice_for_the_doctor(session_ros_domain):
     _, operator = allowed("operator")
     with GraphProbe("", "/") as observer:
         observer.probe(0.1)

@@ -51,7 +51,7 @@ def scene(ros_domain):
             "landmarks": LandmarkArray,
             "ellipsoids": MarkerArray,
         }
-        topics = {name: me.speak(kind, f"/{name}") for name, kind in kinds.items()}
+        topics = {name: me.publish(kind, f"/{name}") for name, kind in kinds.items()}
         with pytest.raises(EllipsegError, match="the node publishes nothing"):
             recorder.wait_for_topics(SHORT)  # it may not know of us yet
         topics["ellipsoids"].send(MarkerArray())
@@ -59,7 +59,7 @@ def scene(ros_domain):
         yield recorder, notes, topics
 
 
-def test_an_update_is_there_when_its_points_are(scene):
+def test_update_is_complete_on_all_stamped_topics(scene):
     recorder, notes, topics = scene
     topics["segments"].send(stamped(SegmentArray, 1))
     notes.wait_for(("/segments", 1))
@@ -83,7 +83,7 @@ def test_an_update_is_there_when_its_points_are(scene):
     ]
 
 
-def test_too_few_updates_are_told(scene):
+def test_too_few_updates_are_an_error(scene):
     recorder, _, topics = scene
     topics["segmented_points"].send(stamped(PointCloud2, 1))
     topics["segments"].send(stamped(SegmentArray, 1))

@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from node_kit import nanoseconds, peer, running, wall
+from node_kit import nanoseconds, parameters, peer, running, wall
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -22,27 +22,23 @@ def domain(session_ros_domain):
     return session_ros_domain
 
 
-def settings(**values):
-    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
-
-
-def test_it_plays_pauses_and_ends_by_itself(domain, tmp_path):
-    arguments = settings(source="sim:industrial", start_paused="true", rate=0)
+def test_replayer_plays_pauses_and_ends(domain, tmp_path):
+    arguments = parameters(source="sim:industrial", start_paused="true", rate=0)
     names = ["-r", "points:=lidar/points", "-r", "__ns:=/rig"]
     with (
         running("replayer", [*arguments, *names], tmp_path / "log") as process,
         peer(domain) as me,
     ):
-        clouds = me.listen(PointCloud2, "/rig/lidar/points")
-        clock = me.listen(Clock, "/clock")
+        clouds = me.subscribe(PointCloud2, "/rig/lidar/points")
+        clock = me.subscribe(Clock, "/clock")
         answer = me.call(SetBool, "/rig/ellipseg_replayer/pause", SetBool.Request(data=False))
         assert answer.success and answer.message == "playing"
         assert process.wait() == 0
         sweeps = list(simulate("industrial"))
         clouds.wait_for(len(sweeps))
         clock.wait_for(len(sweeps))
-        assert f"sent {len(sweeps)} clouds" in process.said
-        assert "Traceback" not in process.said
+        assert f"sent {len(sweeps)} clouds" in process.output
+        assert "Traceback" not in process.output
     for message, time, sweep in zip(clouds.messages, clock.messages, sweeps, strict=True):
         came = read_sweep(message)
         assert nanoseconds(time.clock) == came.stamp_ns == sweep.stamp_ns
@@ -52,13 +48,13 @@ def test_it_plays_pauses_and_ends_by_itself(domain, tmp_path):
         assert np.array_equal(came.times_ns, sweep.times_ns)
 
 
-def test_an_interrupt_ends_it_in_peace(domain, tmp_path):
-    arguments = settings(source="sim:industrial", rate=0.001, loop="true")
+def test_sigint_ends_the_replayer_cleanly(domain, tmp_path):
+    arguments = parameters(source="sim:industrial", rate=0.001, loop="true")
     with running("replayer", arguments, tmp_path / "log") as process, peer(domain) as me:
-        me.listen(PointCloud2, "/points").wait_for(1)
+        me.subscribe(PointCloud2, "/points").wait_for(1)
         process.signal(signal.SIGINT)
         assert process.wait(STOP_WITHIN) == 0
-        assert "Traceback" not in process.said
+        assert "Traceback" not in process.output
 
 
 @pytest.mark.parametrize(
@@ -69,14 +65,14 @@ def test_an_interrupt_ends_it_in_peace(domain, tmp_path):
         ({"source": "sim:industrial", "rate": -1}, "rate is -1; it must be from 0"),
     ],
 )
-def test_what_cannot_be_played_is_one_line_and_exit_code_2(domain, tmp_path, values, complaint):
-    with running("replayer", settings(**values), tmp_path / "log") as process:
+def test_unplayable_source_is_one_line_and_exit_code_2(domain, tmp_path, values, complaint):
+    with running("replayer", parameters(**values), tmp_path / "log") as process:
         assert process.wait() == 2
-        (line,) = process.said.splitlines()
+        (line,) = process.output.splitlines()
     assert complaint in line
 
 
-def test_a_bag_that_is_damaged_further_on_is_one_line_and_exit_code_2(domain, tmp_path):
+def test_bag_damaged_at_the_end_is_one_line_and_exit_code_2(domain, tmp_path):
     bag = tmp_path / "damaged"
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -84,11 +80,11 @@ def test_a_bag_that_is_damaged_further_on_is_one_line_and_exit_code_2(domain, tm
         good = bytes(write_sweep(wall(1.0)))
         for stamp, data in enumerate((good, good, good[:100])):
             writer.write(points, stamp, data)
-    arguments = settings(source=bag, wait_for_subscriber="false", rate=0)
+    arguments = parameters(source=bag, wait_for_subscriber="false", rate=0)
     with running("replayer", arguments, tmp_path / "log") as process:
         assert process.wait() == 2
-        assert "Traceback" not in process.said
-        (line,) = [line for line in process.said.splitlines() if "[FATAL]" in line]
+        assert "Traceback" not in process.output
+        (line,) = [line for line in process.output.splitlines() if "[FATAL]" in line]
     assert str(bag) in line
 
 
@@ -100,11 +96,11 @@ def test_a_bag_that_is_damaged_further_on_is_one_line_and_exit_code_2(domain, tm
         (["--speed"], "ROS knows no arguments ['--speed']"),
     ],
 )
-def test_arguments_that_ros_refuses_are_one_line_and_exit_code_2(
+def test_invalid_ros_arguments_are_one_line_and_exit_code_2(
     domain, tmp_path, arguments, complaint
 ):
     with running("replayer", arguments, tmp_path / "log") as process:
         assert process.wait() == 2
-        assert "Traceback" not in process.said
-        (line,) = [line for line in process.said.splitlines() if "[FATAL]" in line]
+        assert "Traceback" not in process.output
+        (line,) = [line for line in process.output.splitlines() if "[FATAL]" in line]
     assert complaint in line and "/project/src" not in line

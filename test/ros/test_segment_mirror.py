@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from node_kit import LIMIT, peer, running
+from node_kit import LIMIT, parameters, peer, running
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
@@ -54,23 +54,22 @@ def heard(offline, session_ros_domain, tmp_path_factory):
         "window_duration": CONFIG.window_duration,
         "full_segments_period": SHOWN.full_segments_period,
     }
-    given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
     folder = tmp_path_factory.mktemp("mirror")
     domain, drive = session_ros_domain, offline.drive
     with (
-        running("segmenter_node", given, folder / "log"),
+        running("segmenter_node", parameters(**settings), folder / "log"),
         peer(domain) as me,
         peer(domain) as other,
         BagSink(folder / "bag") as bag,
         Recorder(bag) as recorder,
     ):
         recorder.wait_for_topics(LIMIT)
-        faithful = me.listen(SegmentArray, "/segments", raw=True)
-        points = me.speak(PointCloud2, "/points")
+        faithful = me.subscribe(SegmentArray, "/segments", raw=True)
+        points = me.publish(PointCloud2, "/points")
         for sweep in drive[: JOINED * SWEEPS + 1]:
             points.send(sweep)
         everybody_has(JOINED, faithful, recorder)
-        late = other.listen(SegmentArray, "/segments", raw=True)
+        late = other.subscribe(SegmentArray, "/segments", raw=True)
         late.wait_for(1)
         for sweep in drive[JOINED * SWEEPS + 1 :]:
             points.send(sweep)
@@ -116,7 +115,7 @@ def follow(messages, found):
         yield message, in_step
 
 
-def test_the_messages_are_those_of_offline_and_one_again_for_the_latecomer(heard, offline):
+def test_messages_equal_the_offline_ones_plus_one_for_the_late_subscriber(heard, offline):
     again = write_segments(offline.found[JOINED - 1])
     expected = [*offline.sent[:JOINED], again, *offline.sent[JOINED:]]
     assert heard.faithful == expected
@@ -124,28 +123,28 @@ def test_the_messages_are_those_of_offline_and_one_again_for_the_latecomer(heard
     assert {decoded(data).full for data in offline.sent} == {True, False}
 
 
-def test_what_comes_again_is_not_recorded_again(heard, offline):
+def test_resent_message_is_not_recorded(heard, offline):
     assert sorted(heard.recorded) == sorted(offline.sent)  # a bag is read in order of time
 
 
 @pytest.mark.parametrize("frame_id", ["", "map", "odom", "a/frame"])
-def test_the_number_of_an_update_is_read_from_the_bytes(offline, frame_id):
+def test_sequence_number_is_read_from_the_bytes(offline, frame_id):
     found = replace(offline.found[3], frame_id=frame_id)
     assert sequence_number(write_segments(found)) == 3
 
 
-def test_a_subscriber_from_the_beginning_is_never_out_of_step(heard, offline):
+def test_early_subscriber_stays_in_step(heard, offline):
     assert all(in_step for _, in_step in follow(heard.faithful, offline.found))
 
 
-def test_a_latecomer_has_everything_at_once_and_is_never_out_of_step(heard, offline):
+def test_late_subscriber_syncs_immediately_and_stays_in_step(heard, offline):
     steps = list(follow(heard.late, offline.found))
     assert all(in_step for _, in_step in steps)
     assert steps[0][0].full and not decoded(offline.sent[JOINED - 1]).full
 
 
 @pytest.mark.parametrize("lost", range(1, 9))
-def test_after_a_lost_message_the_next_full_one_helps(heard, offline, lost):
+def test_full_message_resynchronizes_after_a_loss(heard, offline, lost):
     missing = decoded(heard.late[lost]).sequence
     waiting = False
     for message, in_step in follow(heard.late[:lost] + heard.late[lost + 1 :], offline.found):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from node_kit import SECOND, peer, running
+from node_kit import SECOND, parameters, peer, running
 from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.cli.verification import equal
@@ -68,12 +68,14 @@ def live(request, drive, offline, session_ros_domain, tmp_path_factory):
         "window_duration": CONFIG.window_duration,
         "use_sim_time": request.param,
     }
-    given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
     log = tmp_path_factory.mktemp("time") / "log"
-    with running("segmenter_node", given, log) as node, peer(session_ros_domain) as me:
-        segments = me.listen(SegmentArray, "/segments", raw=True)
-        clouds = me.listen(PointCloud2, "/segmented_points", raw=True)
-        diagnostics = me.listen(DiagnosticArray, "/diagnostics")
+    with (
+        running("segmenter_node", parameters(**settings), log) as node,
+        peer(session_ros_domain) as me,
+    ):
+        segments = me.subscribe(SegmentArray, "/segments", raw=True)
+        clouds = me.subscribe(PointCloud2, "/segmented_points", raw=True)
+        diagnostics = me.subscribe(DiagnosticArray, "/diagnostics")
         me.wait_until_known()
         options = ReplayOptions(
             rate=0.0, ahead=1.0, update_period=0.5, clock=False, update_timeout=60.0
@@ -90,7 +92,7 @@ def live(request, drive, offline, session_ros_domain, tmp_path_factory):
             clouds=clouds.messages,
             status=last.status[0],
             values=values(last),
-            said=node.said,
+            output=node.output,
         )
 
 
@@ -106,14 +108,14 @@ def test_every_update_is_that_of_offline_bit_for_bit(live, offline):
 
 
 def test_restarts_are_said_once_each_and_gaps_at_most_every_few_seconds(live):
-    assert live.said.count("the window restarts") == int(live.values["restarts"]) == 3
+    assert live.output.count("the window restarts") == int(live.values["restarts"]) == 3
     for reason in (
         "restarts: the stamps jumped back by 15.900 s",
         f"restarts: the stamps jumped back by {YEAR - 1.8:.3f} s",
         "restarts: the frame changed from 'odom' to 'map'",
         "the stamps jumped forward by 10.100 s",
     ):
-        assert live.said.count(reason) == 1, reason
+        assert live.output.count(reason) == 1, reason
     assert live.values["stamp gaps"] == "3"
 
 
