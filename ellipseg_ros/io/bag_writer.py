@@ -1,4 +1,4 @@
-"""A bag that is whole between two writes: who is killed leaves what he had to tell."""
+"""A bag writer whose file is a complete bag after every flush, in case the process is killed."""
 
 import shutil
 from collections.abc import Iterator
@@ -14,59 +14,59 @@ from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.typesys.store import Typestore
 
-RECORDING: Literal[9] = 9  # version of the bag format that is written: that of Jazzy
-ENOUGH = 4 * 1024 * 1024  # bytes that wait in memory, at most, whatever is written
-DEAREST = 8  # at most so many bytes of index are written for a byte of messages
+BAG_VERSION: Literal[9] = 9  # of the bag format: that of Jazzy
+MAX_PENDING_BYTES = 4 * 1024 * 1024  # buffered in memory
+MAX_INDEX_RATIO = 8  # bytes of index that are written per byte of messages
 
 
-class _Waiting(BytesIO):
-    """The part of a file from `start` on, kept in memory."""
+class _PendingTail(BytesIO):
+    """The part of a file from `start` on, buffered in memory."""
 
     def __init__(self, start: int) -> None:
         super().__init__()
         self.start = start
 
     def tell(self) -> int:
-        """The place in the file."""
+        """The position in the file."""
         return self.start + super().tell()
 
     def close(self) -> None:
-        """Not yet: its content is still to be written."""
+        """Ignored: the content is still to be written."""
 
 
 class _Storage(McapWriter):
-    """The file; all that is written to it waits in memory until it is wanted."""
+    """An mcap file whose new content is buffered in memory until `close`."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         start = self.bio.tell()
         self.bio.close()
-        self._wait_from(start)
+        self._buffer_from(start)
         self.file = self.path.open("r+b", buffering=0)
-        self.index = 0  # bytes of the last one
+        self.index_bytes = 0  # of the last index
         self.metadata = ""
 
     def close(self, version: int, metadata: str) -> None:
-        """Write what waits, and behind it the index; may be called again and again."""
+        """Write the pending content, then the index over the earlier one; may be repeated."""
         if self.chunk.bio.tell():
             self.close_chunk()
-        end = self.waiting.tell()
+        end = self.pending.tell()
         self.metadata = metadata
         super().close(version, metadata)
-        data = self.waiting.getbuffer()
-        self.file.seek(self.waiting.start)
+        data = self.pending.getbuffer()
+        self.file.seek(self.pending.start)
         written = 0
         while written < len(data):
             written += self.file.write(data[written:])
-        self.index = self.waiting.tell() - end
-        self._wait_from(end)
+        self.index_bytes = self.pending.tell() - end
+        self._buffer_from(end)
 
-    def _wait_from(self, start: int) -> None:
-        self.waiting = _Waiting(start)
-        self.bio = cast(BufferedWriter, self.waiting)  # of which rosbags uses no more than that
+    def _buffer_from(self, start: int) -> None:
+        self.pending = _PendingTail(start)
+        self.bio = cast(BufferedWriter, self.pending)  # rosbags uses no other methods of it
 
     def abort(self) -> None:
-        """Go without what waits."""
+        """Close the file without the pending content."""
         self.file.close()
 
 
@@ -78,72 +78,75 @@ class BagWriter:
     """Writes a ROS 2 bag (mcap, zstd) that every reader can open after each `end_update`.
 
     rosbags writes the index and metadata.yaml, without which a bag can't be read, at the end.
-    Here it ends the bag in memory, again and again; what came since the last time and the new
-    index then go into the file in one call, over the old index. Who is killed within that call,
-    some milliseconds of every few hundred, leaves a file that `mcap recover` has to mend.
+    Here the bag is completed in memory at every flush; new messages and the new index then
+    replace the old index in the file by one write. A process killed during that call, some
+    milliseconds of every few hundred, leaves a file that needs `mcap recover`.
     Raises OSError.
     """
 
     def __init__(self, path: Path) -> None:
         with _as_os_error():
-            self._writer = _Bag(path, version=RECORDING, storage_plugin=StoragePlugin.MCAP)
+            self._writer = _Bag(path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         try:
             self._writer.open()
             self._storage = cast(_Storage, self._writer.storage)
-            self._messages = self._told = 0  # written; in metadata.yaml
-            self._secure_all()
+            self._messages = 0  # written
+            self._messages_in_metadata = 0
+            self._flush_all()
         except BaseException:
             shutil.rmtree(path, ignore_errors=True)
             raise
 
     def add_connection(self, topic: str, kind: str, types: Typestore) -> Connection:
-        """A topic, and the type of its messages."""
-        self._told = 0
+        """Add a topic with messages of a type."""
+        self._messages_in_metadata = 0
         return self._writer.add_connection(topic, kind, typestore=types)
 
     def write(self, connection: Connection, time_ns: int, message: bytes) -> None:
-        """A serialized message."""
+        """Write a serialized message."""
         self._writer.write(connection, time_ns, message)
         self._messages += 1
-        if self._waiting >= max(ENOUGH, self._storage.index // DEAREST):
-            self._secure()
+        if self._pending_bytes >= max(
+            MAX_PENDING_BYTES, self._storage.index_bytes // MAX_INDEX_RATIO
+        ):
+            self._flush()
 
     def end_update(self) -> None:
-        """Secure what was written, unless that is little beside the index of a long bag."""
-        if self._waiting >= self._storage.index // DEAREST:
-            self._secure()
+        """Flush, unless the pending content is small compared with the index of a long bag."""
+        if self._pending_bytes >= self._storage.index_bytes // MAX_INDEX_RATIO:
+            self._flush()
 
     def close(self) -> None:
-        """Secure the rest, and end."""
-        self._secure_all()
+        """Flush everything and close the bag."""
+        self._flush_all()
         self._storage.abort()
 
     def abort(self) -> None:
-        """End, with what was secured."""
+        """Close the bag as of the last flush."""
         self._storage.abort()
 
     @property
-    def _waiting(self) -> int:
-        """Bytes that a kill would lose."""
-        return self._storage.chunk.bio.tell() + len(self._storage.waiting.getbuffer())
+    def _pending_bytes(self) -> int:
+        """Bytes that are not yet in the file."""
+        return self._storage.chunk.bio.tell() + len(self._storage.pending.getbuffer())
 
-    def _secure(self) -> None:
-        """Make the file a whole bag; metadata.yaml, which takes long, only for a tenth more."""
-        if self._messages > 1.1 * self._told:
-            self._secure_all()
+    def _flush(self) -> None:
+        """Complete the file; metadata.yaml, which is slow to write, only after 10 % more messages."""
+        if self._messages > 1.1 * self._messages_in_metadata:
+            self._flush_all()
         else:
-            self._storage.close(RECORDING, self._storage.metadata)
+            self._storage.close(BAG_VERSION, self._storage.metadata)
 
-    def _secure_all(self) -> None:
+    def _flush_all(self) -> None:
         self._writer.close()
-        self._writer.storage = self._storage  # it goes on
-        self._told = self._messages
+        self._writer.storage = self._storage  # for further messages
+        self._messages_in_metadata = self._messages
 
 
 @contextmanager
 def _as_os_error() -> Iterator[None]:
     try:
         yield
-    except WriterError as error:  # the folder came between the look and the writing
+    except WriterError as error:  # the folder was created after the check
         raise FileExistsError(str(error)) from error

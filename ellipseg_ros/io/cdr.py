@@ -1,11 +1,11 @@
-"""Serialized ROS 2 messages (little-endian CDR), single values and records in bulk.
+"""Serialization of ROS 2 messages (little-endian CDR): single values, and records in bulk.
 
-Why not objects and a serializer: 5,000 markers as objects take hundreds of milliseconds, as one
-numpy array a few. The tests read the bytes back with rosbags and with rclpy.
+Message objects and a serializer take hundreds of milliseconds for 5,000 markers, one numpy array a
+few. The tests deserialize the bytes with rosbags and with rclpy.
 
-Rules of CDR: a number lies at a multiple of its size, counted from behind the four-byte header; a
-string is its length with the closing NUL (uint32), its bytes, NUL; a sequence is its length
-(uint32) and its elements; a fixed array is its elements.
+CDR: a number is aligned to its size, relative to the end of the four-byte header; a string is its
+length including NUL (uint32), its bytes, NUL; a sequence is its length (uint32) and its elements;
+a fixed array is its elements.
 """
 
 import struct
@@ -20,11 +20,11 @@ NUMBER_SIZES = {"?": 1, "B": 1, "i": 4, "I": 4, "d": 8}
 
 
 class Cdr:
-    """A message that is being written."""
+    """A message under construction."""
 
     def __init__(self) -> None:
         self._parts: list[Any] = [LITTLE_ENDIAN]
-        self.size = 0  # bytes behind the header
+        self.size = 0  # bytes after the header
 
     def put(self, codes: str, *values: Any) -> None:
         """Append numbers; codes as in `struct`: ? B i I d."""
@@ -48,24 +48,24 @@ class Cdr:
         self.text(frame_id)
 
     def align(self, size: int) -> None:
-        """Pad with zeros to a multiple of `size`."""
+        """Pad with zeros to a multiple of `size` bytes."""
         self.bulk(bytes(-self.size % size))
 
     def bulk(self, data: Any) -> None:
-        """Append bytes, or anything that has them, as they are."""
+        """Append bytes, or any buffer, unchanged."""
         self._parts.append(data)
         self.size += memoryview(data).nbytes
 
     def bytes(self) -> bytes:
-        """The whole message, header included."""
+        """The message, including the header."""
         return b"".join(self._parts)
 
     def records(self, columns: dict[str, Array], tail: Ragged | None = None) -> None:
         """Append a sequence of n records.
 
         columns: name -> (n,) or (n, k) numbers of 1, 4 or 8 bytes, or (n,) texts (see `texts`), in
-            the order of the message's fields, the first of 4 bytes. Names are free.
-        tail: n rows of uint32 that close each record: its sequences, see `sequences`.
+            the order of the message's fields, the first of 4 bytes. Names are arbitrary.
+        tail: n rows of uint32 that end each record: its sequences, see `sequences`.
         """
         count = len(next(iter(columns.values())))
         self.put("I", count)
@@ -79,14 +79,14 @@ class Cdr:
 
 
 def texts(value: str, count: int) -> Array:
-    """The same string for `count` records."""
+    """Column with the same string in `count` records."""
     encoded = value.encode() + b"\0"
     layout = np.dtype([("length", "<u4"), ("characters", f"V{len(encoded)}")])
     return np.full(count, np.array((len(encoded), encoded), layout))
 
 
 def sequences(*parts: Ragged) -> Ragged:
-    """Sequences of 4-byte numbers that follow one another in n records, each behind its length."""
+    """Consecutive sequences of 4-byte numbers in n records, each preceded by its length."""
     lengths = np.array([np.diff(part.starts) for part in parts])
     ends = np.cumsum((lengths + 1).T).reshape(lengths.T.shape).T  # of every sequence
     words = np.empty(ends[-1, -1] if ends.size else 0, np.uint32)
@@ -98,10 +98,10 @@ def sequences(*parts: Ragged) -> Ragged:
 
 
 def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Array:
-    """The bytes of n records of which the first begins at `start`, a multiple of 4.
+    """Bytes of n records of which the first starts at `start`, a multiple of 4.
 
-    A record that begins at a multiple of 8 has its gaps elsewhere than one that begins 4 behind
-    it, so there are two layouts. Which one a record has follows from the lengths of the tails.
+    The padding of a record depends on whether it starts at a multiple of 8, so there are two
+    layouts. Which one a record has follows from the lengths of the tails before it.
     """
     count = len(next(iter(columns.values())))
     layouts = {phase: _layout(columns, phase) for phase in (0, 4)}
@@ -126,10 +126,10 @@ def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Arra
 
 
 def _phases(first: int, sizes: dict[int, int], extra: Array) -> Array:
-    """(n,) 0 or 4: where each record begins, modulo 8.
+    """(n,) 0 or 4: start of each record modulo 8.
 
-    All records hold a number of 8 bytes, and so the layout behind it is the same in both phases:
-    the end of a record, without its tail, does not depend on where it began.
+    Every record has a number of 8 bytes, and the layout after it is the same in both phases: the
+    end of a record, without its tail, does not depend on its start.
     """
     phases = np.empty(len(extra), np.int64)
     phases[0] = first
@@ -138,7 +138,7 @@ def _phases(first: int, sizes: dict[int, int], extra: Array) -> Array:
 
 
 def _layout(columns: dict[str, Array], start: int, padded: bool = True) -> np.dtype[Any]:
-    """A record that begins at `start` modulo 8; `padded` to where 4-byte numbers may follow."""
+    """Layout of a record that starts at `start` modulo 8; padded: to a multiple of 4 bytes."""
     kinds: dict[str, np.dtype[Any]] = {
         name: np.dtype((c.dtype, c.shape[1:])) for name, c in columns.items()
     }

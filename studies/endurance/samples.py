@@ -12,7 +12,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from ellipseg_ros.association.landmark_map import StoredMap
-from ellipseg_ros.io.bag_writer import RECORDING
+from ellipseg_ros.io.bag_writer import BAG_VERSION
 from ellipseg_ros.io.map_file import write_map
 from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.topics import CLOUD
@@ -87,7 +87,7 @@ def _npz(path: Path) -> None:
 def _bag(plugin: StoragePlugin, mode: CompressionMode) -> Callable[[Path], None]:
     def write(path: Path) -> None:
         store = get_typestore(Stores.ROS2_JAZZY)
-        writer = Writer2(path, version=RECORDING, storage_plugin=plugin)
+        writer = Writer2(path, version=BAG_VERSION, storage_plugin=plugin)
         if mode is not CompressionMode.NONE:
             writer.set_compression(mode, CompressionFormat.ZSTD)
         with writer:
