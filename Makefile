@@ -34,6 +34,7 @@ help:
 	make coverage         run all tests and report the coverage of the package without ros/
 	make lint             check style, types and spelling
 	make format           format the code
+	make config           write the files in config/ that derive from the sources
 	make docs             build the documentation site in build/docs
 	make clean            remove everything that these targets have made
 	Studies; options as in make bench ARGS='--quick':

@@ -132,7 +132,7 @@ class BagWriter:
         return self._storage.chunk.bio.tell() + len(self._storage.pending.getbuffer())
 
     def _flush(self) -> None:
-        """Complete the file; metadata.yaml, which is slow to write, only after 10 % more messages."""
+        """Complete the file; metadata.yaml, which is slow to write, only after a tenth more."""
         if self._messages > 1.1 * self._messages_in_metadata:
             self._flush_all()
         else:
