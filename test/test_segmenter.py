@@ -5,6 +5,7 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
+import simple_shapes
 from clouds import grid, stream, street
 from stages import graph_of
 
@@ -12,7 +13,6 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.records import ISOLATED, REJECTED, THINNED, State, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
-from ellipseg_ros.simulation import simulator
 
 CRITERIA = [("shape", 4.0), ("shape", 20.0), ("density", 0.5), ("parsimony", 5.0)]
 
@@ -73,7 +73,7 @@ def normals_off(found, rows, direction):
 
 
 def test_a_wall_is_one_to_three_flat_ellipsoids_at_a_coarse_threshold():
-    sweep, _ = simulator.wall(np.random.default_rng(0))
+    sweep, _ = simple_shapes.wall(np.random.default_rng(0))
     found = segment(sweep.points, Config(threshold=12.0))
     large = found.ellipsoids.count >= 12
     assert 1 <= large.sum() <= 3
@@ -84,7 +84,7 @@ def test_a_wall_is_one_to_three_flat_ellipsoids_at_a_coarse_threshold():
 
 
 def test_a_wall_is_flat_nearly_everywhere_at_the_default_threshold():
-    sweep, _ = simulator.wall(np.random.default_rng(0))
+    sweep, _ = simple_shapes.wall(np.random.default_rng(0))
     found = segment(sweep.points)
     rows = np.flatnonzero(found.ellipsoids.count[found.labels] >= 12)
     flat = normals_off(found, rows, [1.0, 0.0, 0.0]) < 5.0
@@ -93,7 +93,7 @@ def test_a_wall_is_flat_nearly_everywhere_at_the_default_threshold():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_trunk_is_one_to_three_long_upright_ellipsoids_and_remnants(seed):
-    sweep, _ = simulator.trunk(np.random.default_rng(seed))
+    sweep, _ = simple_shapes.trunk(np.random.default_rng(seed))
     found = segment(sweep.points, Config(threshold=12.0))
     large = found.ellipsoids.count >= 0.05 * len(sweep)
     assert 1 <= large.sum() <= 3
@@ -103,7 +103,7 @@ def test_trunk_is_one_to_three_long_upright_ellipsoids_and_remnants(seed):
 
 
 def test_no_segment_holds_points_of_two_boxes_a_metre_apart():
-    sweep, truth = simulator.boxes(gap=1.0, rng=np.random.default_rng(7))
+    sweep, truth = simple_shapes.boxes(gap=1.0, rng=np.random.default_rng(7))
     found = segment(sweep.points)
     for s in range(len(found.ellipsoids)):
         assert len(set(truth[found.labels == s])) == 1

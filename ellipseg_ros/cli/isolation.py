@@ -5,7 +5,6 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from ellipseg_ros.errors import EllipsegError
 
@@ -45,18 +44,3 @@ def environment_variables(values: dict[str, str]) -> Iterator[None]:
     finally:
         os.environ.clear()
         os.environ.update(before)
-
-
-@contextmanager
-def isolated_ros_args(log_level: str = "WARN") -> Iterator[list[str]]:
-    """Restrict ROS to this machine and a reserved domain; yield `--ros-args` with a namespace."""
-    with (
-        reserved_domain() as number,
-        environment_variables(LOCALHOST_ONLY | {"ROS_DOMAIN_ID": str(number)}),
-    ):
-        yield ["--ros-args", "-r", f"__ns:=/measured_{os.getpid()}", "--log-level", log_level]
-
-
-def parameter_args(settings: dict[str, Any]) -> list[str]:
-    """Parameters as arguments after `--ros-args`."""
-    return [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]

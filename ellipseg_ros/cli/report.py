@@ -155,20 +155,6 @@ def progress_bar(total: int | None, unit: str, args: Namespace) -> Progress:
     return tqdm(total=total, unit=f" {unit}", disable=hidden, leave=False, dynamic_ncols=True)
 
 
-@contextmanager
-def progress_steps(total: int, unit: str, args: Namespace) -> Iterator[Callable[[str], None]]:
-    """A progress bar; yields a function to call with a description before each step."""
-    with progress_bar(total, unit, args) as bar:
-
-        def begin(description: str) -> None:
-            bar.set_description(description)
-            bar.update()
-            if bar.disable:  # no terminal: lines instead of a bar
-                print_status(f"{description} ...", args)
-
-        yield begin
-
-
 def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     """The table: name and text of each row."""
     yield "source", f"{summary['source']} (frame {summary['frame_id'] or 'not named'})"

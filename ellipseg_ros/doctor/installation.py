@@ -5,13 +5,12 @@ import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import distributions
+from importlib.metadata import PackageNotFoundError, distributions, version
 from importlib.util import find_spec
 from pathlib import Path
 
 from ellipseg_ros.doctor.environment import NAME, Folder, folder_at
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
-from ellipseg_ros.doctor.packages import version_of
 
 MIN_PYTHON, MAX_PYTHON = (3, 10), (3, 13)
 # Module: package of pip.
@@ -181,3 +180,13 @@ def _cache(cache: Folder, kernels: int) -> Finding:
             "start once before the drive, or run `ellipseg demo`",
         )
     return ok(f"{kernels} compiled kernels in {cache.path}")
+
+
+def version_of(package: str, module: str) -> str:
+    """The installed version; empty if pip does not know it."""
+    for name in (package, module.partition(".")[0]):
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            continue
+    return ""

@@ -10,12 +10,9 @@ import numpy as np
 from ellipseg_ros.records import SECOND, Array, Sweep
 from ellipseg_ros.settings import Checked, setting
 from ellipseg_ros.simulation import rays, scanner
-from ellipseg_ros.simulation.samples import boxes, trunk, wall
 from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND
 from ellipseg_ros.simulation.scenes import LAYOUTS, World, make_world
 from ellipseg_ros.simulation.shapes import Class
-
-__all__ = ["FIELDS", "SCENES", "Class", "Scene", "boxes", "simulate", "trunk", "wall"]
 
 SCENES = tuple(LAYOUTS)
 START_NS = 1_700_000_000 * SECOND  # stamp of the first sweep

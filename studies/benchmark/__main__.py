@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES
-from ellipseg_ros.cli.report import print_status, progress_steps
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.io.sources import open_source
 from studies.benchmark.chart import draw
 from studies.benchmark.page import page
 from studies.benchmark.sections import SECTIONS, measure
 from studies.benchmark.streams import FULL, QUICK
 from studies.report.command import check_names, publish, run_command
+from studies.report.progress import progress_steps
 
 EXAMPLES = """examples:
   python -m studies.benchmark --quick --only batch peers

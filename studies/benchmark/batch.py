@@ -6,12 +6,13 @@ from functools import partial
 from typing import Any
 
 from ellipseg_ros.core.criteria import CRITERIA
-from ellipseg_ros.doctor.packages import load, version_of
+from ellipseg_ros.doctor.installation import version_of
 from ellipseg_ros.records import Array
 from ellipseg_ros.segmenter import segment
 from ellipseg_ros.simulation.simulator import simulate
 from studies.benchmark import peers
 from studies.benchmark.streams import SCENE, SEGMENTS_ONLY, Sizes, window_points
+from studies.report.packages import load
 from studies.report.timing import in_turn, milliseconds, ratio
 
 MAX_REPEATED_S = 5.0  # a library that takes longer runs once

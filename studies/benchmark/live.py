@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.cli.isolation import environment_variables, isolated_ros_args
+from ellipseg_ros.cli.isolation import environment_variables
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.config import Config, NodeConfig
 from ellipseg_ros.errors import EllipsegError
@@ -30,6 +30,7 @@ from studies.benchmark.publishers import SegmentationPublisher
 from studies.benchmark.streams import RATE, SCENE, Sizes, points_per_second, thinned
 from studies.endurance.running import running
 from studies.endurance.subscriber_process import SubscriberProcess
+from studies.report.isolated_nodes import isolated_ros_args
 from studies.report.timing import milliseconds, spread, timed
 
 POINTS_PER_ELLIPSOID = 30  # of the published ones

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from ellipseg_ros.cli.main import run_program
-from ellipseg_ros.cli.report import print_status, progress_steps
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.errors import EllipsegError
 from studies.endurance.page import page
 from studies.endurance.requirements import Options
 from studies.endurance.subjects import SUBJECTS, all_met, run_subject
 from studies.report.command import publish, run_command, write
+from studies.report.progress import progress_steps
 
 EXAMPLES = """examples:
   python -m studies.endurance                          all subjects, 75 min

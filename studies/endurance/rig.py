@@ -9,7 +9,6 @@ from itertools import groupby
 from pathlib import Path
 from threading import Thread
 
-from ellipseg_ros.cli.isolation import isolated_ros_args, parameter_args
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.records import SECOND
@@ -17,6 +16,7 @@ from ellipseg_ros.ros.replayer import Replayer
 from studies.endurance.endless_drive import EndlessDrive
 from studies.endurance.ros.recording_subscriber import ReceivedUpdate, RecordingSubscriber
 from studies.endurance.running import NODE_LOG, SendTimes
+from studies.report.isolated_nodes import isolated_ros_args, parameter_args
 
 UPDATE_PERIOD = 0.5  # s
 SETTINGS = {"window_duration": 3.0, "update_period": UPDATE_PERIOD, "full_segments_period": 4.0}

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ellipseg_ros.cli.isolation import isolated_ros_args, parameter_args
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.config import Config
 from ellipseg_ros.node.playback import ReplayOptions
@@ -16,6 +15,7 @@ from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.recorder import Recorder, Sink
 from ellipseg_ros.ros.replayer import Replayer
 from studies.endurance.subscriber_process import SubscriberProcess
+from studies.report.isolated_nodes import isolated_ros_args, parameter_args
 
 UPDATE_TIMEOUT_S = 120.0
 NODE_LOG = "node.log"

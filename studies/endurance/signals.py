@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ellipseg_ros.cli.isolation import isolated_ros_args
 from studies.endurance.programs import command, node, python, started, stderr_text
 from studies.endurance.requirements import Options, Requirement, first_of
+from studies.report.isolated_nodes import isolated_ros_args
 
 SHUTDOWN_LIMIT_S = 2.0  # from the signal to the end
 KILL_AFTER_S = 10.0 * SHUTDOWN_LIMIT_S

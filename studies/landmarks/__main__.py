@@ -8,7 +8,6 @@ from pathlib import Path
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SCENES as SCENE_NAMES
 from ellipseg_ros.cli.options import SOURCES
-from ellipseg_ros.cli.report import progress_steps
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.simulation.simulator import SCENES
@@ -20,6 +19,7 @@ from studies.landmarks.recording import study_recording
 from studies.landmarks.study import Plan, Results, study, summary
 from studies.report.command import publish, read_results, run_command, write
 from studies.report.machine import describe
+from studies.report.progress import progress_steps
 
 EXAMPLES = """examples:
   python -m studies.landmarks --seeds 2 --others 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES, add_parameter_options, add_source_options
-from ellipseg_ros.cli.report import print_status, progress_steps
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
@@ -31,6 +31,7 @@ from studies.paper.facts import (
 from studies.paper.figures import draw_figures, draw_segmentation
 from studies.paper.page import FIGURES, page
 from studies.report.command import publish, run_command
+from studies.report.progress import progress_steps
 
 EXAMPLES = """examples:
   python -m studies.paper -o paper

@@ -16,7 +16,6 @@ import numpy as np
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES
-from ellipseg_ros.cli.report import progress_steps
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.criteria import initial_values, rule_of
 from ellipseg_ros.core.ellipsoids import segment_moments
@@ -42,6 +41,7 @@ from studies.paper.reading_kernels import (
 )
 from studies.report.command import publish, run_command
 from studies.report.page import Page, Section, Table
+from studies.report.progress import progress_steps
 
 EVERY = 4  # points, of which one is used
 SCENES = ("sim:industrial", "sim:woodland", "sim:roadway", "sim:mixed")

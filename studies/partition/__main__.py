@@ -8,7 +8,7 @@ from typing import Any
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES, add_source_options
-from ellipseg_ros.cli.report import print_status, progress_steps
+from ellipseg_ros.cli.report import print_status
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.sources import SIMULATED
@@ -17,6 +17,7 @@ from studies.partition.page import page
 from studies.partition.study import Plan, chosen, study
 from studies.partition.truth import read_scan
 from studies.report.command import publish, read_results, run_command
+from studies.report.progress import progress_steps
 
 EXAMPLES = """examples:
   python -m studies.partition sim:roadway --methods objects cut-pursuit

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from ellipseg_ros.doctor.packages import version_of
+from ellipseg_ros.doctor.installation import version_of
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.simulation.shapes import Class
 from studies.partition.evaluation import DEFAULT, Evaluation, evaluate

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import TypeAlias
 
-from ellipseg_ros.doctor.packages import load
 from studies.partition.evaluation import Evaluation
 from studies.partition.methods import Method
+from studies.report.packages import load
 
 Work: TypeAlias = Callable[[], Iterator[Evaluation]]  # can be pickled
 ENDED = "ended"

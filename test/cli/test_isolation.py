@@ -7,8 +7,9 @@ from contextlib import ExitStack
 import pytest
 
 from ellipseg_ros.cli import isolation
-from ellipseg_ros.cli.isolation import DOMAINS, isolated_ros_args, reserved_domain
+from ellipseg_ros.cli.isolation import DOMAINS, reserved_domain
 from ellipseg_ros.errors import EllipsegError
+from studies.report.isolated_nodes import isolated_ros_args
 
 
 def test_concurrent_reservations_have_different_domains(ros_domain):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import simple_shapes
 from matplotlib.colors import rgb_to_hsv
 from matplotlib.image import imread
 
@@ -11,7 +12,6 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.plots import window as plots
 from ellipseg_ros.segmenter import segment
-from ellipseg_ros.simulation import simulator
 
 SINGLE = [plots.draw_segments, plots.draw_ellipsoids]
 DRAWERS = [*SINGLE, plots.draw_levels]
@@ -20,7 +20,11 @@ VIEWS = [plots.BIRDSEYE, plots.OBLIQUE]
 
 def cloud():
     rng = np.random.default_rng(0)
-    parts = [simulator.wall(rng)[0], simulator.trunk(rng)[0], simulator.boxes(rng, gap=1.0)[0]]
+    parts = [
+        simple_shapes.wall(rng)[0],
+        simple_shapes.trunk(rng)[0],
+        simple_shapes.boxes(rng, gap=1.0)[0],
+    ]
     return join_sweeps(parts).points
 
 
@@ -57,9 +61,9 @@ def test_segments_have_different_colours(tmp_path):
     assert len(tints) > 12
 
 
-@pytest.mark.parametrize(("thing", "channel"), [(simulator.trunk, 0), (simulator.wall, 2)])
+@pytest.mark.parametrize(("thing", "channel"), [(simple_shapes.trunk, 0), (simple_shapes.wall, 2)])
 def test_stems_are_red_and_square_walls_blue(thing, channel, tmp_path):
-    points = thing(np.random.default_rng(1), 0.2 if thing is simulator.trunk else 6.0, 6.0)[
+    points = thing(np.random.default_rng(1), 0.2 if thing is simple_shapes.trunk else 6.0, 6.0)[
         0
     ].points
     found = segment(points, Config(threshold=1e6))

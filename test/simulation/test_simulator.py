@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+import simple_shapes
 
 from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.errors import ConfigError
@@ -370,7 +371,7 @@ def test_panes_are_recessed_and_return_weakly():
 
 
 def test_wall_has_its_size_and_range_noise():
-    sweep, truth = simulator.wall(np.random.default_rng(0), width=10.0, height=4.0)
+    sweep, truth = simple_shapes.wall(np.random.default_rng(0), width=10.0, height=4.0)
     assert len(sweep) == len(truth) == 2400 and set(truth) == {1}
     assert np.allclose(np.ptp(sweep.points, axis=0)[1:], [10.0, 4.0], atol=0.1)
     assert 0.01 < sweep.points[:, 0].std() < 0.016
@@ -378,7 +379,7 @@ def test_wall_has_its_size_and_range_noise():
 
 
 def test_trunk_is_round_and_upright():
-    sweep, _ = simulator.trunk(np.random.default_rng(0), radius=0.25, height=5.0)
+    sweep, _ = simple_shapes.trunk(np.random.default_rng(0), radius=0.25, height=5.0)
     from_axis = np.hypot(sweep.points[:, 0] - 6.0, sweep.points[:, 1])
     assert abs(from_axis.mean() - 0.25) < 0.01 and from_axis.std() < 0.02
     assert np.ptp(sweep.points[:, 2]) > 4.9
@@ -386,7 +387,7 @@ def test_trunk_is_round_and_upright():
 
 
 def test_boxes_have_the_requested_gap():
-    sweep, truth = simulator.boxes(gap=1.0, rng=np.random.default_rng(0))
+    sweep, truth = simple_shapes.boxes(gap=1.0, rng=np.random.default_rng(0))
     assert set(truth) == {1, 2, 3, 4}
     for box in (1, 2, 3):
         left, right = (sweep.points[truth == k, 1] for k in (box, box + 1))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from tables import check_tables
 
-from ellipseg_ros.doctor import packages
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import simulate
 from studies.benchmark import peers, stages, streams, targets
@@ -15,6 +14,7 @@ from studies.benchmark.__main__ import main
 from studies.benchmark.chart import draw
 from studies.benchmark.page import page
 from studies.benchmark.sections import SECTIONS, compile_kernels, measure
+from studies.report import packages
 
 TINY = streams.Sizes(
     window=1.0,

@@ -12,7 +12,6 @@ from partitions import ABSENT, COUNTED, OURS, STRIPS, THEIRS
 from tables import check_tables
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.doctor import packages
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
 from ellipseg_ros.segmenter import segment
@@ -29,6 +28,7 @@ from studies.partition.scan import Scan, completed, neighbour_edges
 from studies.partition.subprocess_runner import Outcome, run_in_subprocess
 from studies.partition.targets import judged
 from studies.partition.truth import complete_instances
+from studies.report import packages
 
 DRIVE = ["sim:industrial", "--duration", "0.5"]
 

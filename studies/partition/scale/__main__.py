@@ -8,7 +8,6 @@ from typing import Any
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES, add_segmentation_options, add_source_options
-from ellipseg_ros.cli.report import progress_steps
 from ellipseg_ros.cli.settings import read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.config import Config
@@ -19,6 +18,7 @@ from studies.partition.scale.chart import draw
 from studies.partition.scale.cuts import study_scene
 from studies.partition.scale.page import page
 from studies.report.command import publish, run_command
+from studies.report.progress import progress_steps
 
 EXAMPLES = """examples:
   python -m studies.partition.scale sim:roadway

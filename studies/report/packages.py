@@ -1,7 +1,6 @@
-"""Packages that only a comparison needs, and that need not be there."""
+"""Optional packages of the studies: import, and the reason if that fails."""
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 
@@ -15,13 +14,3 @@ def load(package: str, module: str) -> tuple[Any, str]:
         return None, f"does not load: {error}"
     except ImportError as error:  # a library of the system that it needs
         return None, f"does not load: {error}"
-
-
-def version_of(package: str, module: str) -> str:
-    """The installed version; empty if pip does not know it."""
-    for name in (package, module.partition(".")[0]):
-        try:
-            return version(name)
-        except PackageNotFoundError:
-            continue
-    return ""
