@@ -1,4 +1,4 @@
-"""Plays a recording into the segmenter and shows it in RViz.
+"""Replay a recording to the segmenter and show the result in RViz.
 
 ros2 launch ellipseg_ros replay.launch.py source:=drive.mcap
 ros2 launch ellipseg_ros replay.launch.py source:=sim:woodland rate:=2
@@ -15,11 +15,14 @@ from launch_ros.substitutions import FindPackageShare
 PACKAGE = "ellipseg_ros"
 ARGUMENTS = {
     "source": ("sim:industrial", "a bag, a cloud file, or sim:SCENE"),
-    "topic": ("", "topic of the bag's clouds; empty: the only one"),
+    "topic": ("", "topic of the clouds in the bag; empty: the only one"),
     "rate": ("1.0", "speed of the replay; 0: as fast as the segmenter is"),
-    "loop": ("false", "begin again at the end"),
-    "ahead": ("3.0", "s that clouds may be ahead of the segments; 0: don't wait for them"),
-    "rviz": ("true", "show it in RViz"),
+    "loop": ("false", "start again at the end"),
+    "ahead": (
+        "3.0",
+        "maximum sensor time [s] that clouds are ahead of the segments; 0: no flow control",
+    ),
+    "rviz": ("true", "start RViz"),
 }
 
 
@@ -32,7 +35,7 @@ def generate_launch_description() -> LaunchDescription:
         executable="replayer",
         parameters=[
             {
-                # A type of their own, as YAML would read an empty text as nothing.
+                # With a type, as YAML would parse an empty string as null.
                 "source": ParameterValue(given("source"), value_type=str),
                 "topic": ParameterValue(given("topic"), value_type=str),
                 "rate": given("rate"),

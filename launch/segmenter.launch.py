@@ -1,4 +1,4 @@
-"""Starts the segmenter on a live topic.
+"""Start the segmenter on a live topic.
 
 ros2 launch ellipseg_ros segmenter.launch.py points:=/cloud_registered
 """
@@ -38,7 +38,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "use_sim_time",
                 default_value="false",
-                description="take the time of diagnostics and logs from /clock",
+                description="use /clock for the stamps of diagnostics and logs",
             ),
             segmenter,
         ]

@@ -1,4 +1,4 @@
-"""Topics and services of the nodes: the one place for names, types, QoS and who uses them.
+"""Topics and services of the nodes: the one place for their names, types, QoS and users.
 
 The nodes, bags, the recorder, the doctor, the import check and the security policy read these
 tables. A new topic is a new row here and the code that fills its messages.

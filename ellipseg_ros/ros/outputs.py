@@ -23,7 +23,7 @@ class Outputs:
     """Publishes updates; for one thread, apart from `close` and `other_publishers`.
 
     on_subscriber: called in the thread of the callbacks with `ellipsoids` or `segments` when
-        somebody subscribes to it; `resend` then brings the new subscriber up to date.
+        a subscription to it is matched; `resend` then brings the new subscriber up to date.
     """
 
     def __init__(self, node: Node, on_subscriber: Callable[[Topic], object]) -> None:

@@ -70,7 +70,7 @@ class Recorder(AuxiliaryNode):
         self._changed.wait_until(
             lambda: self.updates >= count,
             timeout,
-            lambda: f"{count} updates were due, {self.updates} came",
+            lambda: f"{count} updates were expected, {self.updates} received",
         )
         self._changed.wait_until(self._is_complete, timeout, "the last update is incomplete")
 

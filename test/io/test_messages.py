@@ -203,7 +203,7 @@ def plain_markers(found, rows, dead=(), clear=False):
     criterion=st.sampled_from(["shape", "density", "parsimony"]),
 )
 @settings(max_examples=100, deadline=None)
-def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id, criterion):
+def test_segment_bytes_equal_those_of_message_objects(segments, seed, frame_id, criterion):
     found = random_records.segmentation(30, segments, seed, frame_id=frame_id, criterion=criterion)
     expected = STORE.serialize_cdr(plain_segments(found), topics.SEGMENTS.type)
     assert write_segments(found) == bytes(expected)
@@ -215,13 +215,13 @@ def test_the_bytes_of_segments_are_those_of_the_objects(segments, seed, frame_id
     frame_id=st.sampled_from(["", "map", "odom", "a frame \N{DEGREE SIGN}", "base/odom"]),
 )
 @settings(max_examples=50, deadline=None)
-def test_the_bytes_of_landmarks_are_those_of_the_record(segments, seed, frame_id):
+def test_landmark_bytes_equal_those_of_message_objects(segments, seed, frame_id):
     found = random_records.segmentation(90, segments, seed, frame_id=frame_id)
     expected = STORE.serialize_cdr(plain_landmarks(found), topics.LANDMARKS.type)
     assert write_landmarks(found, found.landmarks) == bytes(expected)
 
 
-def test_landmarks_are_read_by_ros_itself():
+def test_rclpy_deserializes_landmarks():
     serialization = pytest.importorskip("rclpy.serialization")
     from ellipseg_ros.msg import Landmark, LandmarkArray
 
@@ -237,13 +237,13 @@ def test_landmarks_are_read_by_ros_itself():
     assert (Landmark.PLANE, Landmark.LINE, Landmark.BLOB) == tuple(Kind)
 
 
-def test_without_objects_there_are_none_in_the_message():
+def test_disabled_objects_are_not_in_the_message():
     found = random_records.segmentation(30, 5, objects=None)
     expected = STORE.serialize_cdr(plain_segments(found), topics.SEGMENTS.type)
     assert write_segments(found) == bytes(expected)
 
 
-def test_every_number_of_parents_fits():
+def test_any_number_of_parents_is_serialized():
     lengths = np.array([0, 5, 0, 0, 1, 2, 3, 0])
     values = np.arange(lengths.sum(), dtype=np.uint32)
     parents = Ragged(np.append(0, np.cumsum(lengths)), values)
@@ -257,7 +257,7 @@ def test_every_number_of_parents_fits():
     ]
 
 
-def test_segments_are_read_by_ros_itself():
+def test_rclpy_deserializes_segments():
     serialization = pytest.importorskip("rclpy.serialization")
     from ellipseg_ros.msg import SegmentArray
 
@@ -277,7 +277,7 @@ def test_segments_are_read_by_ros_itself():
     assert read.segments[-1].sphericity == found.ellipsoids.sphericity[row]
 
 
-def test_quaternions_are_scipys():
+def test_quaternions_equal_those_of_scipy():
     turns = Rotation.random(1000, rng=np.random.default_rng(0)).as_matrix()
     half = [np.diag(d) for d in ([1.0, -1, -1], [-1.0, 1, -1], [-1.0, -1, 1], [1.0, 1, 1])]
     turns = np.concatenate([turns, half])
@@ -303,7 +303,7 @@ def sent(markers, found, **how):
     st.integers(0, 9), st.integers(0, 2**32 - 1), st.sampled_from(["", "map", "world", "odoms"])
 )
 @settings(max_examples=100, deadline=None)
-def test_the_bytes_of_markers_are_those_of_the_objects(segments, seed, frame_id):
+def test_marker_bytes_equal_those_of_message_objects(segments, seed, frame_id):
     markers = MarkerStream(ALL)
     first = random_records.segmentation(60, segments, seed, frame_id=frame_id)
     visible = np.flatnonzero(first.ellipsoids.count >= 1)
@@ -325,7 +325,7 @@ def test_the_bytes_of_markers_are_those_of_the_objects(segments, seed, frame_id)
     assert markers.update(anew) == bytes(expected)
 
 
-def test_markers_are_read_by_ros_itself():
+def test_rclpy_deserializes_markers():
     serialization = pytest.importorskip("rclpy.serialization")
     from visualization_msgs.msg import MarkerArray
 
@@ -356,7 +356,7 @@ def steady(seconds, step=1.0, **changes):
 
 
 @pytest.mark.parametrize("step", [0.1, 0.7, 1.0, 2.0, 4.9])
-def test_every_marker_comes_again_within_5_s_and_not_all_at_once(step):
+def test_markers_are_repeated_within_5_s_and_spread_over_updates(step):
     markers = MarkerStream(ALL)
     times = {number: [] for number in range(1, 201)}
     for found in steady(40.0, step):
@@ -371,7 +371,7 @@ def test_every_marker_comes_again_within_5_s_and_not_all_at_once(step):
     assert often < 1 + 40 / 3 or step > 1.0
 
 
-def test_only_changed_markers_come_at_once():
+def test_only_changed_markers_are_sent_immediately():
     updates = list(steady(3.0, 0.01))
     markers = MarkerStream(ALL)
     assert len(sent(markers, updates[0])[0]) == 200
@@ -381,7 +381,7 @@ def test_only_changed_markers_come_at_once():
     assert {4, 6} <= drawn and len(drawn) < 20
 
 
-def test_the_dead_and_the_small_are_deleted_once():
+def test_removed_and_small_markers_are_deleted_once():
     first, second, third = list(steady(3.0))
     markers = MarkerStream(NodeConfig(marker_min_count=2))
     sent(markers, first)
@@ -396,7 +396,7 @@ def test_the_dead_and_the_small_are_deleted_once():
     assert dead == set() and 1 in drawn
 
 
-def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_a_reset():
+def test_all_markers_are_sent_on_request_after_gaps_settings_and_resets():
     updates = list(steady(1.0, 0.01))
     everything = set(range(1, 201))
     markers = MarkerStream(ALL)
@@ -415,7 +415,7 @@ def test_everything_comes_for_a_new_viewer_after_a_gap_a_change_of_settings_and_
     assert cleared and not dead and drawn == {number + 500 for number in everything}
 
 
-def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes():
+def test_marker_in_object_colour_is_sent_when_the_object_changes():
     markers = MarkerStream(replace(ALL, marker_colour="object"))
     first, second, third = list(steady(0.03, 0.01))
     sent(markers, first)
@@ -432,7 +432,7 @@ def test_markers_in_the_colours_of_objects_come_at_once_when_the_object_changes(
         np.testing.assert_allclose(colour, expected, atol=1e-6)
 
 
-def test_a_flat_ellipsoid_is_as_thick_as_a_millimetre_and_sigmas_scale_it():
+def test_markers_have_a_minimum_axis_and_scale_with_sigmas():
     found = random_records.segmentation(100, 5)
     read = STORE.deserialize_cdr(
         MarkerStream(NodeConfig(marker_min_count=1, marker_sigmas=3.0)).update(found),

@@ -1,4 +1,4 @@
-"""Births, merges, splits and expiries: what a subscriber knows who only sees `segments`."""
+"""Messages of `segments`: changes, full messages, and the copies maintained from them."""
 
 from collections import Counter
 from dataclasses import fields, is_dataclass, replace

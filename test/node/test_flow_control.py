@@ -1,4 +1,4 @@
-"""Flow control: what a replayer expects to come back."""
+"""Flow control of a replayer by the updates of the node."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What /diagnostics tell."""
+"""Levels, messages and values of /diagnostics."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""When clouds are sent; without ROS."""
+"""Playback sends clouds in time; without ROS."""
 
 import threading
 import time

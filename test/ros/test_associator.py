@@ -1,4 +1,4 @@
-"""The associator over DDS: recognizes a world that comes again, keeps it, saves and loads it."""
+"""The associator over DDS: recognition, the map, its file, and invalid landmarks."""
 
 import signal
 from dataclasses import replace
@@ -41,13 +41,9 @@ def message(found, stamp, frame_id="odom"):
             covariance=found.covariance[row].ravel(),
             stability=float(found.stability[row]),
         )
-        for name, column in (
-            ("position", "position"),
-            ("box_min", "box_min"),
-            ("box_max", "box_max"),
-        ):
+        for name in ("position", "box_min", "box_max"):
             point = getattr(landmark, name)
-            point.x, point.y, point.z = getattr(found, column)[row].tolist()
+            point.x, point.y, point.z = getattr(found, name)[row].tolist()
         q = landmark.orientation
         q.x, q.y, q.z, q.w = Rotation.from_matrix(found.axes[row]).as_quat().tolist()
         made.landmarks.append(landmark)
@@ -59,8 +55,8 @@ def scene(seed=0, drift=(1.0, 4.0)):
     return worlds.observe_twice(worlds.world(rng), rng, *drift)
 
 
-class Meeting:
-    """A peer that hears and says what these tests need."""
+class AssociatorPeer:
+    """A peer with the topics and services of the associator."""
 
     def __init__(self, me):
         self.me = me
@@ -73,11 +69,11 @@ class Meeting:
         """Send landmarks, and wait for the association and its markers."""
         self.landmarks.send(message(found, stamp, **options))
 
-        def fits(heard):
-            return nanoseconds(heard.header.stamp) == stamp * SECOND
+        def matches(array):
+            return nanoseconds(array.markers[0].header.stamp) == stamp * SECOND
 
-        self.marker = self.markers.wait(lambda heard: fits(heard.markers[0])).markers[0]
-        return self.associations.wait(fits)
+        self.marker = self.markers.wait(matches).markers[0]
+        return self.associations.wait_for_stamp(stamp)
 
     def call(self, service):
         return self.me.call(Trigger, f"{NODE}/{service}")
@@ -89,12 +85,12 @@ def node(domain, tmp_path_factory):
     path = folder / "map.npz"
     arguments = ["-p", f"map_file:={path}", "-p", "delay:=10.0", "-p", "min_age:=0.0"]
     with running("associator_node", arguments, folder / "log") as process, peer(domain) as me:
-        found = Meeting(me)
+        found = AssociatorPeer(me)
         found.process, found.path = process, path
         yield found
 
 
-def test_a_world_that_comes_again_is_recognized(node):
+def test_revisited_world_is_recognized(node):
     looks = scene()
     first = node.update(looks.earlier, 1)
     assert first.verdict == Association.TOO_FEW and first.map_landmark_count == 0
@@ -128,7 +124,7 @@ def test_a_world_that_comes_again_is_recognized(node):
     np.testing.assert_allclose(ends[:, 1], looks.later.position[expected.pairs[:, 1]])
 
 
-def test_what_was_recognized_does_not_enter_twice(node):
+def test_recognized_landmarks_are_not_stored_twice(node):
     node.update(no_landmarks(), 90)
     assert node.call("clear").success
     looks = scene(1)
@@ -141,13 +137,13 @@ def test_what_was_recognized_does_not_enter_twice(node):
     assert total == len(looks.earlier) + len(looks.later) - pairs
 
 
-def test_a_segmenter_that_restarts_has_other_landmarks(domain, tmp_path):
+def test_restarted_segmenter_has_new_landmarks(domain, tmp_path):
     arguments = ["-p", "delay:=0.0", "-p", "min_age:=0.0", "-r", "__ns:=/restarted"]
     with (
         running("associator_node", arguments, tmp_path / "log"),
         peer(domain, "/restarted") as me,
     ):
-        found = Meeting(me)
+        found = AssociatorPeer(me)
         first = scene(4).earlier
         found.update(no_landmarks(), 5, frame_id="elsewhere")  # pins nothing
         found.update(first, 10)
@@ -158,7 +154,7 @@ def test_a_segmenter_that_restarts_has_other_landmarks(domain, tmp_path):
         assert heard.map_landmark_count == len(first)
 
 
-def test_saved_and_loaded_it_is_the_same(node):
+def test_saved_map_is_loaded_unchanged(node):
     before = node.update(no_landmarks(), 200).map_landmark_count
     assert before > 0
     answer = node.call("save")
@@ -171,7 +167,7 @@ def test_saved_and_loaded_it_is_the_same(node):
     assert node.update(no_landmarks(), 202).map_landmark_count == before
 
 
-def test_nobody_on_the_network_says_where_it_writes(node, tmp_path):
+def test_map_file_cannot_be_changed_over_the_network(node, tmp_path):
     other = tmp_path / "other.npz"
     (answer,) = node.me.set(NODE, map_file=str(other))
     assert not answer.successful and "read-only" in answer.reason
@@ -181,7 +177,7 @@ def test_nobody_on_the_network_says_where_it_writes(node, tmp_path):
     assert not other.exists()
 
 
-def test_a_file_that_is_no_map_is_refused_and_the_map_stays(node):
+def test_invalid_map_file_is_refused_and_the_map_is_kept(node):
     before = node.update(no_landmarks(), 300).map_landmark_count
     node.path.write_bytes(b"no map")
     answer = node.call("load")
@@ -190,7 +186,7 @@ def test_a_file_that_is_no_map_is_refused_and_the_map_stays(node):
     assert node.update(no_landmarks(), 301).map_landmark_count == before
 
 
-def test_bad_landmarks_are_rejected_and_told(node):
+def test_invalid_landmarks_are_rejected_and_reported(node):
     bad = message(scene().earlier, 400)
     bad.landmarks[0].position.x = float("nan")
     heard = len(node.diagnostics.messages)
@@ -207,7 +203,7 @@ def test_bad_landmarks_are_rejected_and_told(node):
     assert node.update(no_landmarks(), 402).header.frame_id == "odom"
 
 
-def test_parameters_change_live_but_for_the_file(node):
+def test_parameters_are_live_except_for_the_file(node):
     assert node.me.set(NODE, max_translation=2)[0].successful
     refused = node.me.set(NODE, max_translation=-1.0)[0]
     assert not refused.successful and "out of range" in refused.reason
@@ -215,7 +211,7 @@ def test_parameters_change_live_but_for_the_file(node):
     assert node.me.set(NODE, max_translation=3.0)[0].successful
 
 
-def test_a_flood_of_calls_for_the_file_is_refused_in_the_end(domain, tmp_path):
+def test_flood_of_file_calls_is_limited(domain, tmp_path):
     earlier = scene(3).earlier
     many = select_landmarks(earlier, np.arange(20_000) % len(earlier))
     ids = np.arange(1, len(many) + 1, dtype=np.uint32)
@@ -237,7 +233,7 @@ def test_a_flood_of_calls_for_the_file_is_refused_in_the_end(domain, tmp_path):
         assert len(read_map(path)) == len(many)
 
 
-def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
+def test_associator_starts_with_its_map_and_ends_cleanly(domain, tmp_path):
     looks = scene(2)
     path = tmp_path / "map.npz"
     ids = np.arange(1, len(looks.earlier) + 1, dtype=np.uint32)
@@ -250,7 +246,7 @@ def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
         ) as process,
         peer(domain, "/two") as me,
     ):
-        found = Meeting(me)
+        found = AssociatorPeer(me)
         heard = found.update(looks.later, 1000)
         assert len(heard.pairs) > 10
         assert heard.map_landmark_count == len(ids)
@@ -262,7 +258,7 @@ def test_it_starts_with_its_map_and_ends_in_peace(domain, tmp_path):
 @pytest.mark.parametrize(
     ("name", "why"), [("map.npz", "is no map of landmarks"), ("x" * 300, "cannot be read")]
 )
-def test_a_map_that_cannot_be_read_ends_the_start_in_one_line(domain, tmp_path, name, why):
+def test_unreadable_map_ends_the_start_in_one_line(domain, tmp_path, name, why):
     (tmp_path / "map.npz").write_bytes(b"no map")
     arguments = ["-p", f"map_file:={tmp_path / name}"]
     with running("associator_node", arguments, tmp_path / "log") as process:
@@ -279,14 +275,14 @@ def test_a_map_that_cannot_be_read_ends_the_start_in_one_line(domain, tmp_path, 
         (lambda landmark: setattr(landmark.position, "x", np.inf), "not finite"),
     ],
 )
-def test_what_are_no_landmarks_is_refused(spoil, why):
+def test_invalid_landmarks_are_refused(spoil, why):
     made = message(scene().earlier, 1)
     spoil(made.landmarks[0])
     with pytest.raises(Exception, match=why):
         read_landmarks(made)
 
 
-def test_landmarks_of_a_message_are_those_that_went_in():
+def test_landmarks_survive_the_round_trip_through_a_message():
     found = scene().earlier
     back = read_landmarks(message(found, 1))
     for name in ("ids", "kind", "count", "position", "sigma", "box_min", "box_max", "covariance"):

@@ -1,4 +1,4 @@
-"""The node listens as its publishers speak: nothing is lost for want of reliability."""
+"""The subscription of `points` adapts to the reliability of its publishers and counts losses."""
 
 from contextlib import contextmanager
 from threading import Thread

@@ -1,4 +1,4 @@
-"""The doctor looks at real nodes."""
+"""The doctor and its graph probe with real nodes."""
 
 import json
 import time

@@ -1,4 +1,4 @@
-"""The launch files. `launch` is not on PyPI: stand-ins for its classes note what they get."""
+"""The launch files. `launch` is not on PyPI: stubs of its classes record their arguments."""
 
 import runpy
 import sys
@@ -75,7 +75,7 @@ def test_every_argument_is_declared_and_used(launch, name):
 
 
 @pytest.mark.parametrize("name", ["segmenter.launch.py", "replay.launch.py"])
-def test_nodes_are_ours_and_their_parameters_exist(launch, name):
+def test_launched_nodes_and_their_parameters_exist(launch, name):
     known = {"segmenter": SEGMENTER, "replayer": REPLAYER}
     nodes = [action for action in launch(name) if action.kind == "Node"]
     for node in nodes:
@@ -87,7 +87,7 @@ def test_nodes_are_ours_and_their_parameters_exist(launch, name):
 
 
 @pytest.mark.parametrize("name", ["segmenter.launch.py", "replay.launch.py"])
-def test_files_that_are_named_are_there(launch, name):
+def test_named_files_exist(launch, name):
     texts = [leaf for leaf in leaves(launch(name)) if isinstance(leaf, str)]
     files = [text for text in texts if text.endswith((".yaml", ".rviz"))]
     assert files

@@ -1,4 +1,4 @@
-"""Bounds on what a flood can cost."""
+"""Bounds on the cost of a flood of messages or calls."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Tuning on a running node: `~/tune`, `auto_tune_period`, and what is told of them."""
+"""Tuning on a running node: `~/tune`, `auto_tune_period` and their reports."""
 
 import json
 import math
@@ -47,7 +47,7 @@ def sweep(stamp, points=800):
 
 @contextmanager
 def meeting(domain, namespace=""):
-    """A peer that hears and says what these tests need."""
+    """A peer with the topics that these tests need."""
     with peer(domain, namespace) as me:
         yield SimpleNamespace(
             me=me,

@@ -1,4 +1,4 @@
-"""The node in a process of its own, over DDS: what it publishes and how it takes what comes."""
+"""The segmenter in a process of its own, over DDS: outputs, parameters, services, shutdown."""
 
 import itertools
 import signal

@@ -1,4 +1,4 @@
-"""The policy of DDS security allows each node what it does, and nothing else."""
+"""The DDS security policy grants each node exactly the rights that it uses."""
 
 import time
 import xml.etree.ElementTree as ElementTree

@@ -1,4 +1,4 @@
-"""What the recorder takes, from a publisher that is no segmenter."""
+"""What the recorder records, with test publishers instead of a segmenter."""
 
 from threading import Condition
 
@@ -88,5 +88,5 @@ def test_too_few_updates_are_an_error(scene):
     topics["segmented_points"].send(stamped(PointCloud2, 1))
     topics["segments"].send(stamped(SegmentArray, 1))
     recorder.wait_for_updates(1, LIMIT)
-    with pytest.raises(EllipsegError, match="3 updates were due, 1 came within"):
+    with pytest.raises(EllipsegError, match="3 updates were expected, 1 received within"):
         recorder.wait_for_updates(3, SHORT)

@@ -1,4 +1,4 @@
-"""A subscriber of `segments` over DDS has an exact copy, late, after a loss and over a reset."""
+"""Subscribers of `segments` over DDS have exact copies: late ones, after a loss, after a reset."""
 
 from dataclasses import replace
 from types import SimpleNamespace

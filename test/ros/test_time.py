@@ -1,4 +1,4 @@
-"""StampMonitor as they come in the field: the node does with them what the offline run does."""
+"""Irregular stamps in a running node: updates equal those of the offline run, and are reported."""
 
 import signal
 from dataclasses import replace
@@ -100,14 +100,14 @@ def values(message):
     return {pair.key: pair.value for pair in message.status[0].values}
 
 
-def test_every_update_is_that_of_offline_bit_for_bit(live, offline):
+def test_updates_equal_the_offline_ones_bit_for_bit(live, offline):
     assert len(live.segments) == len(live.clouds) == len(offline)
     for segments, cloud, found in zip(live.segments, live.clouds, offline, strict=True):
         assert equal(segments, write_segments(found))
         assert equal(cloud, write_labelled(found))
 
 
-def test_restarts_are_said_once_each_and_gaps_at_most_every_few_seconds(live):
+def test_restarts_are_logged_once_each_and_gaps_are_throttled(live):
     assert live.output.count("the window restarts") == int(live.values["restarts"]) == 3
     for reason in (
         "restarts: the stamps jumped back by 15.900 s",
@@ -119,7 +119,7 @@ def test_restarts_are_said_once_each_and_gaps_at_most_every_few_seconds(live):
     assert live.values["stamp gaps"] == "3"
 
 
-def test_diagnostics_warn_while_stamps_stand_still(live):
+def test_diagnostics_warn_of_stalled_stamps(live):
     assert live.status.level == b"\x01"
     assert "stamps do not advance: 109 clouds are no newer" in live.status.message
     assert live.values["clouds with stalled stamps"] == "109"
