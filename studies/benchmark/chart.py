@@ -7,20 +7,9 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from ellipseg_ros.plots.style import legend, title
+from ellipseg_ros.plots.tuning import BLUE, GREEN, PURPLE, YELLOW
 from ellipseg_ros.plots.window import INK
-from studies.report.chart import (
-    BLUE,
-    COLOURS,
-    GREEN,
-    GREY,
-    PURPLE,
-    RED,
-    YELLOW,
-    Line,
-    LinePanel,
-    Panel,
-    draw_chart,
-)
+from studies.report.chart import COLOURS, GREY, RED, Line, LinePanel, Panel, draw_chart
 from studies.report.requirements import AIM, MET, MISSED
 
 Results = dict[str, Any]

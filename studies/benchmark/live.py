@@ -99,13 +99,10 @@ def _writers(segmentation: Segmentation, markers: MarkerStream) -> dict[str, Cal
 def _many_ellipsoids(count: int) -> Segmentation:
     """A segmentation of `count` ellipsoids of 30 points, with the simulator's fields."""
     rng = np.random.default_rng(0)
-    grid = (
-        np.stack(np.divmod(np.arange(count), 100), axis=1) * 3.0
-    )  # m; the ellipsoids are narrower
-    centres = np.column_stack([grid, np.zeros(count)])
-    points = np.repeat(centres, POINTS_PER_ELLIPSOID, axis=0) + 0.1 * rng.standard_normal(
-        (count * POINTS_PER_ELLIPSOID, 3)
-    )
+    grid = np.stack(np.divmod(np.arange(count), 100), axis=1)
+    centres = 3.0 * np.column_stack([grid, np.zeros(count)])  # m, more than their widths
+    points = np.repeat(centres, POINTS_PER_ELLIPSOID, axis=0)
+    points += 0.1 * rng.standard_normal(points.shape)
     fields = np.zeros(len(points), FIELDS)
     for name, column in zip("xyz", points.T, strict=True):
         fields[name] = column

@@ -14,7 +14,7 @@ from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
 SCENE = "industrial"
 RATE = 20_000  # points/s that recordings are thinned to
 SETTLE = 5  # updates that are not measured after a change of period
-WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: its multiples modulo 2^64 are even
+WEYL = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio; multiples are evenly distributed
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ def dense(rate: int, seconds: float) -> Iterator[Sweep]:
     """Simulated drive with `rate` points/s, as if several scanners were on one vehicle.
 
     The vehicle drives an integer factor slower and is played back that much faster, so that scan
-    lines lie closer together and none is repeated; then points are thinned to the rate. Drift per
-    second stays the same.
+    lines lie closer together and none is repeated; then points are thinned to the rate. The drift
+    of the registration stays as usual.
     """
     base = points_per_second(simulate(SCENE, duration=5.0))
     times = int(np.ceil(1.1 * rate / base))  # 1.1: parts of the scene are emptier

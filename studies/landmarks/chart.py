@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ellipseg_ros.plots.style import title
+from ellipseg_ros.plots.tuning import BLUE, ORANGE
 from ellipseg_ros.plots.window import INK
 from studies.landmarks.candidates import OURS
 from studies.landmarks.study import (
@@ -17,7 +18,7 @@ from studies.landmarks.study import (
     repeated_shares,
     runs_with,
 )
-from studies.report.chart import BLUE, ORANGE, draw_chart
+from studies.report.chart import draw_chart
 
 
 def draw(results: Results, path: Path) -> None:

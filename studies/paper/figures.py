@@ -14,7 +14,7 @@ from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.colours import shape_colours
 from ellipseg_ros.plots.style import save, title
-from ellipseg_ros.plots.tuning import UNITS, mark
+from ellipseg_ros.plots.tuning import BLUE, GREEN, ORANGE, UNITS, mark
 from ellipseg_ros.plots.window import (
     BACKGROUND,
     INK,
@@ -25,16 +25,7 @@ from ellipseg_ros.plots.window import (
 from ellipseg_ros.records import Array, Segmentation
 from ellipseg_ros.tuning.curve import Curve
 from studies.paper.facts import KINDS, Scene
-from studies.report.chart import (
-    BLUE,
-    COLOURS,
-    GREEN,
-    ORANGE,
-    Line,
-    LinePanel,
-    chart,
-    common_legend,
-)
+from studies.report.chart import COLOURS, Line, LinePanel, chart, common_legend
 
 OF_CRITERION = dict(zip(CRITERIA, (BLUE, ORANGE, GREEN), strict=True))
 CELL_PX = 640  # width of a picture on a sheet

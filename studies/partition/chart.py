@@ -7,23 +7,12 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.io.sources import Source
 from ellipseg_ros.plots.style import save
+from ellipseg_ros.plots.tuning import BLUE, GREEN, ORANGE, PURPLE, YELLOW
 from ellipseg_ros.plots.window import INK, draw_levels
 from ellipseg_ros.segmenter import Segmenter
 from studies.partition.evaluation import DEFAULT, Evaluation
 from studies.partition.means import groups, means, targets
-from studies.report.chart import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RED,
-    YELLOW,
-    Line,
-    LinePanel,
-    chart,
-    common_legend,
-)
+from studies.report.chart import GREY, RED, Line, LinePanel, chart, common_legend
 
 Results = dict[str, Any]
 

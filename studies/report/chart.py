@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogLocator, NullLocator
 
 from ellipseg_ros.plots.style import legend, save, sheet, style, title
+from ellipseg_ros.plots.tuning import BLUE, GREEN, ORANGE, PURPLE, YELLOW
 from ellipseg_ros.plots.window import INK
 
-# Okabe and Ito (2008), Color universal design; the darkest colours lightened for the background.
-BLUE, ORANGE, GREEN, PURPLE, YELLOW = "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442"
+# With those of plots/tuning.py: Okabe and Ito (2008), the darkest lightened for the background.
 RED, GREY = "#d55e00", "#999999"
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, "#4d9bd6", RED, "#e6edf3", GREY, "#a371f7")
 

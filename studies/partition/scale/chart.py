@@ -8,16 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ellipseg_ros.plots.style import save, title
+from ellipseg_ros.plots.tuning import BLUE, ORANGE, YELLOW
 from ellipseg_ros.plots.window import INK
-from studies.report.chart import (
-    BLUE,
-    ORANGE,
-    YELLOW,
-    Line,
-    chart,
-    common_legend,
-    draw_line,
-)
+from studies.report.chart import Line, chart, common_legend, draw_line
 
 Results = dict[str, Any]
 
