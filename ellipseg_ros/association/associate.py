@@ -13,13 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ellipseg_ros.association import constants
 from ellipseg_ros.association.candidates import Bounds
-from ellipseg_ros.association.constants import (
-    CHANCE_EVIDENCE,
-    MAX_LOG_ODDS,
-    MIN_TRANSFORM_PROBABILITY,
-    RIVAL_DECAY,
-)
 from ellipseg_ros.association.hypotheses import (
     Hypothesis,
     Problem,
@@ -57,7 +52,7 @@ def associate(
     hypotheses = find_hypotheses(problem)
     odds = _probabilities(hypotheses)
     by_chance = 1.0 - odds.sum()
-    if not len(odds) or (odds[0] < MIN_TRANSFORM_PROBABILITY and by_chance >= odds[1:].sum()):
+    if not len(odds) or (_is_doubtful(odds) and by_chance >= odds[1:].sum()):
         return _too_few(problem, config)
     return _conclude(problem, hypotheses, odds, orders, config)
 
@@ -140,9 +135,15 @@ def _probabilities(hypotheses: list[Hypothesis]) -> Array:
         return np.zeros(0)
     support = np.array([hypothesis.support for hypothesis in hypotheses])
     support += support[0] / max(1, len(hypotheses[0].pairs))  # one pair more or less is little
-    weights = np.exp(RIVAL_DECAY * np.minimum(0.0, support / support[0] - 1.0))
-    chance = math.exp(min(CHANCE_EVIDENCE - hypotheses[0].evidence, MAX_LOG_ODDS))
+    weights = np.exp(constants.RIVAL_DECAY * np.minimum(0.0, support / support[0] - 1.0))
+    log_chance = constants.CHANCE_EVIDENCE - hypotheses[0].evidence
+    chance = math.exp(min(log_chance, constants.MAX_LOG_ODDS))
     return weights / (weights.sum() + chance)
+
+
+def _is_doubtful(odds: Array) -> bool:
+    """Whether the best hypothesis is not probable enough to stand alone."""
+    return bool(odds[0] < constants.MIN_TRANSFORM_PROBABILITY)
 
 
 def _conclude(
@@ -154,7 +155,7 @@ def _conclude(
 ) -> Association:
     """The best hypothesis, its uncertainty and its pairs."""
     best, pairs = hypotheses[0], problem.both.pairs
-    ambiguous = odds[0] < MIN_TRANSFORM_PROBABILITY
+    ambiguous = _is_doubtful(odds)
     covariance = _mixture(problem, hypotheses, odds) if ambiguous else best.covariance
     length = _characteristic_length(problem)
     # Drift bends each window: an error that no number of pairs averages out.
@@ -234,7 +235,7 @@ def _match_probabilities(problem: Problem, hypothesis: Hypothesis) -> Array:
     """(e,) that a match is right if the transform is: against clutter and its competitors."""
     observed_again = (len(hypothesis.pairs) + 1.0) / (problem.matchable + 2.0)
     gain = hypothesis.gain + math.log(observed_again / (1.0 - observed_again))
-    odds = np.exp(np.minimum(gain, MAX_LOG_ODDS))
+    odds = np.exp(np.minimum(gain, constants.MAX_LOG_ODDS))
     earlier, later, _, pairs = problem.both
     candidate = hypothesis.matches.candidate
     i, j = pairs.earlier[candidate], pairs.later[candidate]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.association.constants import CLUTTER_PRIOR_PAIRS, MAX_CANDIDATES
+from ellipseg_ros.association import constants
 from ellipseg_ros.association.pairing import (
     MAX_DEGREES,
     MOTIONS,
@@ -39,6 +39,15 @@ class Candidates(NamedTuple):
     later: Array  # (c,) int64
 
 
+class PairSet(NamedTuple):
+    """Two sets of landmarks and their candidate pairs."""
+
+    earlier: LandmarkArrays
+    later: LandmarkArrays
+    centre: Array  # (3,) m: centroid of the later set
+    pairs: Candidates
+
+
 class NormalEquations(NamedTuple):
     """Squared residual of each pair after a motion x (6,): x^T matrix x - 2 x^T vector + square.
 
@@ -64,13 +73,14 @@ def find_candidates(
 ) -> Candidates:
     """Pairs of one kind and of similar size that a motion within the bounds brings together.
 
-    centre (3,) m: centroid of the later set. Raises InputError for more than MAX_CANDIDATES.
+    centre (3,) m: centroid of the later set. Raises InputError for too many.
     """
     possible = np.zeros((len(later.kind), len(earlier.kind)), np.bool_)
     for_rows(_gate, len(later.kind), earlier, later, centre, bounds, possible)
-    if np.count_nonzero(possible) > MAX_CANDIDATES:
+    most = constants.MAX_CANDIDATES
+    if np.count_nonzero(possible) > most:
         raise InputError(
-            f"more than {MAX_CANDIDATES} pairs of landmarks may correspond; narrower bounds help",
+            f"more than {most} pairs of landmarks may correspond; narrower bounds help",
             "many",
         )
     j, i = np.nonzero(possible)
@@ -94,17 +104,11 @@ def _gate(start, stop, earlier, later, centre, bounds, possible):
                 possible[j, i] = may_match(earlier, later, i, j, IDENTITY, tolerance)
 
 
-def normal_equations(
-    earlier: LandmarkArrays,
-    later: LandmarkArrays,
-    centre: Array,
-    pairs: Candidates,
-    chosen: Array,
-) -> NormalEquations:
+def normal_equations(both: PairSet, chosen: Array) -> NormalEquations:
     """Normal equations of the chosen candidates, for a motion about the centre."""
     count = len(chosen)
     made = NormalEquations(np.zeros((count, 6, 6)), np.zeros((count, 6)), np.zeros(count))
-    _linearize(earlier, later, centre, pairs, chosen, made, workspace())
+    _linearize(*both, chosen, made, workspace())
     return made
 
 
@@ -174,24 +178,19 @@ def _compare_pairs(equations, i, j, limits, consistent):
                 consistent[a, b] = consistent[b, a] = 1
 
 
-def clutter(
-    earlier: LandmarkArrays,
-    later: LandmarkArrays,
-    centre: Array,
-    pairs: Candidates,
-    bounds: Bounds,
-) -> Array:
+def clutter(both: PairSet, bounds: Bounds) -> Array:
     """(3, 4, 4): covariance, by kind, of the residuals of wrong pairs.
 
     Estimated from all candidates, most of which are wrong, and a few pairs uniform within the
     bounds, for kinds with few candidates.
     """
     total, count = np.zeros((3, MAX_DEGREES, MAX_DEGREES)), np.zeros(3)
-    _scatter(earlier, later, centre, pairs, total, count, workspace())
+    _scatter(*both, total, count, workspace())
     variance = bounds.translation**2 / 3.0, bounds.rotation**2 / 3.0  # of a uniform density
+    few = constants.CLUTTER_PRIOR_PAIRS
     for kind in range(3):
-        total[kind] += CLUTTER_PRIOR_PAIRS * np.diag(np.where(MOTIONS[kind] < 3, *variance))
-        total[kind] /= count[kind] + CLUTTER_PRIOR_PAIRS
+        total[kind] += few * np.diag(np.where(MOTIONS[kind] < 3, *variance))
+        total[kind] /= count[kind] + few
     return total
 
 

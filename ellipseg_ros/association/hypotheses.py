@@ -6,26 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ellipseg_ros.association import constants
 from ellipseg_ros.association.candidates import (
     Bounds,
     ConsistencyLimits,
+    PairSet,
     clutter,
     consistency,
     find_candidates,
     normal_equations,
 )
 from ellipseg_ros.association.cliques import maximal_cliques
-from ellipseg_ros.association.constants import (
-    BOUND_MARGIN,
-    CONSISTENCY_MARGIN,
-    MAX_CLIQUES,
-    MAX_CONSISTENT_SQUARE,
-    MAX_GRAPH_CANDIDATES,
-    MAX_REFINEMENTS,
-    MIN_CLIQUE_SHARE,
-)
 from ellipseg_ros.association.pairing import DEGREES, LandmarkArrays
-from ellipseg_ros.association.registration import Matches, PairSet, Registration, match, register
+from ellipseg_ros.association.registration import Matches, Registration, match, register
 from ellipseg_ros.records import Array
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -78,7 +71,8 @@ def association_problem(earlier: LandmarkArrays, later: LandmarkArrays, bounds: 
     # A uniform distribution within +-b has the variance b^2 / 3.
     prior = np.repeat([3.0 / max(b, 1e-6) ** 2 for b in bounds[:2]], 3)
     pairs = find_candidates(earlier, later, centre, bounds)
-    scatter = clutter(earlier, later, centre, pairs, bounds)
+    both = PairSet(earlier, later, centre, pairs)
+    scatter = clutter(both, bounds)
     peak = np.array(
         [
             -0.5 * (np.linalg.slogdet(scatter[kind, :degrees, :degrees])[1] + degrees * LOG_TWO_PI)
@@ -86,21 +80,22 @@ def association_problem(earlier: LandmarkArrays, later: LandmarkArrays, bounds: 
         ]
     )
     density = peak[later.kind] + np.log(np.maximum(np.diff(pairs.starts), 1))
-    return Problem(PairSet(earlier, later, centre, pairs), bounds, prior, density)
+    return Problem(both, bounds, prior, density)
 
 
 def find_hypotheses(problem: Problem) -> list[Hypothesis]:
     """Transforms that rest on different pairs, by descending evidence."""
-    earlier, later, centre, pairs = problem.both
+    pairs = problem.both.pairs
     if not len(pairs.later):
         return []
     chosen = _least_ambiguous(pairs.starts, pairs.later)
-    equations = normal_equations(earlier, later, centre, pairs, chosen)
-    translation, rotation = (CONSISTENCY_MARGIN * bound for bound in problem.bounds[:2])
-    limits = ConsistencyLimits(problem.prior, MAX_CONSISTENT_SQUARE, translation, rotation)
+    equations = normal_equations(problem.both, chosen)
+    translation, rotation = (constants.CONSISTENCY_MARGIN * bound for bound in problem.bounds[:2])
+    square = constants.MAX_CONSISTENT_SQUARE
+    limits = ConsistencyLimits(problem.prior, square, translation, rotation)
     consistent = consistency(equations, pairs, chosen, limits)
     hypotheses: list[Hypothesis] = []
-    for rows in maximal_cliques(consistent, MAX_CLIQUES):
+    for rows in maximal_cliques(consistent, constants.MAX_CLIQUES):
         clique = chosen[rows]
         if any(_is_redundant(clique, chosen, known.pairs) for known in hypotheses):
             continue
@@ -115,14 +110,14 @@ def _least_ambiguous(starts: Array, later: Array) -> Array:
     counts = np.diff(starts)
     order = np.argsort(counts, kind="stable")
     order = order[counts[order] > 0]
-    limit = max(MAX_GRAPH_CANDIDATES, counts[order[0]])
+    limit = max(constants.MAX_GRAPH_CANDIDATES, counts[order[0]])
     return np.flatnonzero(np.isin(later, order[np.cumsum(counts[order]) <= limit]))
 
 
 def _is_redundant(clique: Array, chosen: Array, known: Array) -> bool:
     """Whether a clique is part of a known hypothesis, or too small to rival it."""
     rival = len(np.intersect1d(chosen, known))
-    return MIN_CLIQUE_SHARE * rival > len(clique) or _share_most(clique, known)
+    return constants.MIN_CLIQUE_SHARE * rival > len(clique) or _share_most(clique, known)
 
 
 def _share_most(one: Array, other: Array) -> bool:
@@ -133,7 +128,7 @@ def _share_most(one: Array, other: Array) -> bool:
 def _refine(problem: Problem, clique: Array) -> Hypothesis | None:
     """Register and match in turn, from a clique; None if it exceeds the bounds or has no pair."""
     chosen, start = clique, np.eye(4)
-    for _ in range(MAX_REFINEMENTS):
+    for _ in range(constants.MAX_REFINEMENTS):
         registration = register(problem.both, chosen, problem.prior, start)
         if registration is None or _out_of_bounds(registration, problem.bounds):
             return None
@@ -156,7 +151,7 @@ def _out_of_bounds(registration: Registration, bounds: Bounds) -> bool:
     variance = np.diagonal(registration.covariance)
     for part, bound in ((slice(0, 3), bounds.translation), (slice(3, 6), bounds.rotation)):
         doubt = 2.0 * math.sqrt(variance[part].sum())
-        if np.linalg.norm(registration.motion[part]) > BOUND_MARGIN * bound + doubt:
+        if np.linalg.norm(registration.motion[part]) > constants.BOUND_MARGIN * bound + doubt:
             return True
     return False
 

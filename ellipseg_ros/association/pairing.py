@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.association.constants import BOUND_SIGMAS
+from ellipseg_ros.association import constants
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, log_determinant, solve_lower
 from ellipseg_ros.records import DETERMINED, Array, Kind, Landmarks
@@ -59,7 +59,7 @@ def landmark_arrays(
     floor = np.repeat([noise * noise, angle_noise * angle_noise], 3) / 2.0  # half from each
     determined = np.array([[k in DETERMINED[Kind(row)] for k in range(6)] for row in range(3)])
     covariance = covariance + (determined[kind] * floor)[:, :, None] * np.eye(6)
-    bound = BOUND_SIGMAS * np.sqrt(np.maximum(0.0, np.einsum("nii->ni", covariance)))
+    bound = constants.BOUND_SIGMAS * np.sqrt(np.maximum(0.0, np.einsum("nii->ni", covariance)))
     half = (high - low) / 2.0
     angle = np.hypot(np.hypot(bound[:, 3], bound[:, 4]), bound[:, 5])
     radius = np.sqrt((half**2).sum(axis=1))

@@ -5,33 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.association.candidates import Candidates, add_normal_equations
-from ellipseg_ros.association.constants import (
-    BOUND_SIGMAS,
-    GATES,
-    MAX_INFORMATION,
-    MAX_STEPS,
-    STEP_TOLERANCE,
-)
-from ellipseg_ros.association.pairing import (
-    LandmarkArrays,
-    compare,
-    mahalanobis,
-    may_match,
-    workspace,
-)
+from ellipseg_ros.association import constants
+from ellipseg_ros.association.candidates import PairSet, add_normal_equations
+from ellipseg_ros.association.pairing import compare, mahalanobis, may_match, workspace
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, solve
 from ellipseg_ros.records import Array
-
-
-class PairSet(NamedTuple):
-    """Two sets of landmarks and their candidate pairs."""
-
-    earlier: LandmarkArrays
-    later: LandmarkArrays
-    centre: Array  # (3,) m: centroid of the later set
-    pairs: Candidates
 
 
 class Registration(NamedTuple):
@@ -67,7 +46,7 @@ def register(both: PairSet, chosen: Array, prior: Array, start: Array) -> Regist
     transform, information, motion = start.copy(), np.zeros((6, 6)), np.zeros(6)
     out = (transform, information, motion)
     square = _gauss_newton(*both, chosen, prior, out, workspace())
-    bounded = (np.abs(information) < MAX_INFORMATION).all()
+    bounded = (np.abs(information) < constants.MAX_INFORMATION).all()
     if not (bounded and np.isfinite(motion).all() and math.isfinite(square)):
         return None
     covariance, log_determinant = _invert(information, prior)
@@ -100,7 +79,7 @@ def _gauss_newton(earlier, later, centre, pairs, chosen, prior, out, work):
     transform, information, motion = out
     step, factor, pivot = np.zeros(6), np.zeros((6, 6)), np.zeros(3)
     square = 0.0
-    for _ in range(MAX_STEPS):
+    for _ in range(constants.MAX_STEPS):
         _motion_of(transform, centre, motion)
         information[:] = 0.0
         square = 0.0
@@ -116,7 +95,7 @@ def _gauss_newton(earlier, later, centre, pairs, chosen, prior, out, work):
         factorize(factor, 6)
         solve(factor, 6, step)
         _perturb(transform, pivot, step)
-        if np.abs(step).max() < STEP_TOLERANCE:
+        if np.abs(step).max() < constants.STEP_TOLERANCE:
             break
     _motion_of(transform, centre, motion)
     return square
@@ -185,7 +164,7 @@ def match(both: PairSet, registration: Registration, gap: float) -> Matches:
 def _match(earlier, later, centre, pairs, given, out, work):
     transform, pivot, uncertainty, gap = given
     candidate, values = out
-    exact = np.zeros((6, 6))
+    exact, sigmas = np.zeros((6, 6)), constants.BOUND_SIGMAS
     straight = uncertainty[0, 0] + uncertainty[1, 1] + uncertainty[2, 2]
     turn = uncertainty[3, 3] + uncertainty[4, 4] + uncertainty[5, 5]
     count = 0
@@ -193,15 +172,15 @@ def _match(earlier, later, centre, pairs, given, out, work):
         radius = 0.0
         for k in range(3):
             radius += (later.position[j, k] - centre[k]) ** 2
-        far = BOUND_SIGMAS * math.sqrt(straight) + BOUND_SIGMAS * math.sqrt(turn * radius)
-        tolerance = (far, BOUND_SIGMAS * math.sqrt(turn), gap)
+        far = sigmas * math.sqrt(straight) + sigmas * math.sqrt(turn * radius)
+        tolerance = (far, sigmas * math.sqrt(turn), gap)
         for n in range(pairs.starts[j], pairs.starts[j + 1]):
             i = pairs.earlier[n]
             if not may_match(earlier, later, i, j, transform, tolerance):
                 continue
             degrees = compare(earlier, later, i, j, transform, pivot, work)
             square, log_determinant = mahalanobis(work, degrees, uncertainty)
-            if square <= GATES[earlier.kind[i]]:
+            if square <= constants.GATES[earlier.kind[i]]:
                 candidate[count], values[count, 0] = n, square
                 unit = degrees * math.log(2.0 * math.pi)
                 values[count, 1] = -0.5 * (square + log_determinant + unit)

@@ -1,4 +1,4 @@
-"""The map of expired landmarks, and its file."""
+"""Map of expired landmarks, and its file."""
 
 import zipfile
 from dataclasses import replace
@@ -42,7 +42,7 @@ def same(one, other):
     assert (one.frame_id, one.next_id) == (other.frame_id, other.next_id)
 
 
-def test_what_expires_enters_with_an_id_of_the_map_and_its_last_stamp():
+def test_expired_landmarks_are_stored_with_map_id_and_last_stamp():
     found, live = LandmarkMap(CONFIG), world()
     found.update(live, 5 * SECOND, "odom", 5)
     assert not len(found.stored)
@@ -54,7 +54,7 @@ def test_what_expires_enters_with_an_id_of_the_map_and_its_last_stamp():
     assert found.stored.landmarks.ids.tolist() == list(range(1, 13))
 
 
-def test_only_stable_and_old_enough_ones_enter():
+def test_only_stable_and_old_landmarks_are_stored():
     n = len(world())
     stability, first = np.zeros(n), np.zeros(n, np.int64)
     stability[3], first[4] = 3.1, 4 * SECOND
@@ -64,7 +64,7 @@ def test_only_stable_and_old_enough_ones_enter():
     assert len(found.stored) == n - 2
 
 
-def test_what_was_recognized_enters_only_once():
+def test_recognized_landmarks_are_not_stored_again():
     found = filled()
     n = len(found.stored)
     found.update(world(1), 20 * SECOND, "odom", 20)
@@ -74,7 +74,7 @@ def test_what_was_recognized_enters_only_once():
     assert len(found.stored) == 2 * n - 2
 
 
-def test_it_is_recognized_after_the_delay():
+def test_landmarks_are_recognizable_after_the_delay():
     found = filled()
     found.update(no_landmarks(), 14 * SECOND, "odom", 14)
     assert not len(found.recognizable())
@@ -82,7 +82,7 @@ def test_it_is_recognized_after_the_delay():
     assert len(found.recognizable()) == len(found.stored) > 0
 
 
-def test_of_too_many_the_oldest_go_and_ids_go_on():
+def test_a_full_map_drops_the_oldest_and_ids_go_on():
     found = filled(replace(CONFIG, max_landmarks=5))
     n = len(world())
     assert found.stored.landmarks.ids.tolist() == list(range(n - 4, n + 1))
@@ -90,7 +90,7 @@ def test_of_too_many_the_oldest_go_and_ids_go_on():
     assert not len(found.stored) and found.stored.next_id == n + 1
 
 
-def test_when_time_jumps_back_all_live_ones_expire():
+def test_a_time_jump_back_expires_all_live_landmarks():
     found = LandmarkMap(CONFIG)
     found.update(world(), 50 * SECOND, "odom", 50)
     found.update(world(1), 1 * SECOND, "odom", 1)  # of another run, with the same ids
@@ -105,11 +105,11 @@ def first_seen(second, seed=0):
 @pytest.mark.parametrize(
     ("again", "number"),
     [
-        (first_seen(0, 1), 0),  # the numbers begin anew
-        (first_seen(52, 1), 51),  # they would go on: the first updates were lost
+        (first_seen(0, 1), 0),  # sequence numbers start over
+        (first_seen(52, 1), 51),  # they continue: the first updates were lost
     ],
 )
-def test_when_the_segmenter_restarts_all_live_ones_expire(again, number):
+def test_a_restart_of_the_segmenter_expires_all_live_landmarks(again, number):
     found, before = LandmarkMap(CONFIG), first_seen(0)
     found.update(before, 50 * SECOND, "odom", 50)
     found.update(again, 60 * SECOND, "odom", number)  # the ids are the same
@@ -118,7 +118,7 @@ def test_when_the_segmenter_restarts_all_live_ones_expire(again, number):
     assert len(found.stored) == len(before)
 
 
-def test_an_update_that_comes_again_changes_nothing():
+def test_a_repeated_update_changes_nothing():
     found = LandmarkMap(CONFIG)
     for _ in range(2):
         found.update(world(), 50 * SECOND, "odom", 50)
@@ -126,7 +126,7 @@ def test_an_update_that_comes_again_changes_nothing():
 
 
 @pytest.mark.parametrize(("stamp", "number"), [(20, 51), (60, 0)])
-def test_what_was_recognized_before_a_new_beginning_bars_nothing_after_it(stamp, number):
+def test_recognition_before_a_restart_has_no_effect_after_it(stamp, number):
     found = LandmarkMap(CONFIG)
     found.update(world(), 50 * SECOND, "odom", 50)
     found.mark_recognized(world().ids)
@@ -136,18 +136,18 @@ def test_what_was_recognized_before_a_new_beginning_bars_nothing_after_it(stamp,
     np.testing.assert_array_equal(found.stored.landmarks.position, world(1).position)
 
 
-def test_a_map_without_landmarks_has_no_frame():
+def test_an_empty_map_has_no_frame():
     found = LandmarkMap(CONFIG)
     found.update(no_landmarks(), 1 * SECOND, "elsewhere", 1)
     found.update(world(1), 2 * SECOND, "elsewhere", 2)
-    found.update(world(), 5 * SECOND, "odom", 3)  # those of elsewhere are forgotten
+    found.update(world(), 5 * SECOND, "odom", 3)  # the landmarks of the other frame are forgotten
     assert not len(found.stored)
     found.update(no_landmarks(), 6 * SECOND, "odom", 4)
     assert found.stored.frame_id == "odom"
     np.testing.assert_array_equal(found.stored.landmarks.position, world().position)
 
 
-def test_cleared_it_takes_another_frame():
+def test_a_cleared_map_takes_another_frame():
     found = filled()
     found.update(world(), 7 * SECOND, "odom", 7)
     found.clear()
@@ -158,14 +158,14 @@ def test_cleared_it_takes_another_frame():
     np.testing.assert_array_equal(found.stored.landmarks.position, world(1).position)
 
 
-def test_no_map_of_another_frame_than_the_live_landmarks_is_loaded():
+def test_loading_a_map_in_another_frame_is_refused():
     found = LandmarkMap(CONFIG)
     found.update(world(), 5 * SECOND, "odom", 5)
     with pytest.raises(InputError, match="in frame map; the map is in odom"):
         found.load(replace(filled().stored, frame_id="map"))
 
 
-def test_landmarks_of_another_frame_are_refused():
+def test_landmarks_in_another_frame_are_refused():
     found = filled()
     with pytest.raises(InputError, match="in frame map; the map is in odom"):
         found.update(world(), 7 * SECOND, "map", 7)
@@ -173,7 +173,7 @@ def test_landmarks_of_another_frame_are_refused():
         found.load(StoredMap(no_landmarks(), np.zeros(0, np.int64), "map", 1))
 
 
-def test_a_file_gives_back_every_bit(tmp_path):
+def test_a_map_file_round_trip_is_exact(tmp_path):
     path = tmp_path / "map.npz"
     stored = filled().stored
     write_map(path, stored)
@@ -214,7 +214,7 @@ def spoil(path, **changes):
         ({"frame_id": np.array([{}], object)}, "no map of landmarks"),  # a pickle
     ],
 )
-def test_what_is_no_map_is_refused_in_one_line(tmp_path, changes, why):
+def test_invalid_map_files_are_refused_in_one_line(tmp_path, changes, why):
     path = tmp_path / "map.npz"
     spoil(path, **changes)
     with pytest.raises(InputError, match=why) as caught:
@@ -222,7 +222,7 @@ def test_what_is_no_map_is_refused_in_one_line(tmp_path, changes, why):
     assert "\n" not in str(caught.value) and str(path) in str(caught.value)
 
 
-def test_other_files_are_refused_in_one_line(tmp_path):
+def test_files_of_other_formats_are_refused_in_one_line(tmp_path):
     path = tmp_path / "map.npz"
     for content in (b"", b"no archive", b"PK\x03\x04 and then nothing"):
         path.write_bytes(content)
@@ -234,7 +234,7 @@ def test_other_files_are_refused_in_one_line(tmp_path):
         write_map(tmp_path / "nowhere" / "map.npz", filled().stored)
 
 
-def test_a_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):
+def test_a_decompression_bomb_is_refused_unread(tmp_path, monkeypatch):
     path = tmp_path / "map.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("position.npy", bytes(2_000_000))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import worlds
 
-from ellipseg_ros.association import candidates
+from ellipseg_ros.association import constants
 from ellipseg_ros.association.associate import associate
 from ellipseg_ros.association.landmark_map import LandmarkMap, check_landmarks, no_landmarks
 from ellipseg_ros.config import MapConfig
@@ -32,8 +32,8 @@ def test_odd_landmarks_are_associated_or_refused_in_a_short_line(seed):
     assert tally.updates > 15 and len(tally.rejected) >= 3
 
 
-def test_far_and_vague_landmarks_are_associated():
-    """The prior is lost to rounding beside what a landmark says 1e8 m away from the others."""
+def test_distant_and_uncertain_landmarks_are_associated():
+    """The prior is lost to rounding beside the information of a landmark 1e8 m away."""
     places = [[-1e8, 1e8, 1e8], [1e8, 1e8, -1e8]]
     covariance = np.diag([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) * np.array([[[1e-7]], [[1e10]]])
     far = worlds.landmarks(
@@ -46,16 +46,16 @@ def test_far_and_vague_landmarks_are_associated():
     assert len(known) == 2
     found = associate(known, far)
     variances = np.linalg.eigvalsh(found.covariance)
-    assert variances.min() >= 0.0 and variances.max() < 20.0  # the bounds say so, at the least
+    assert variances.min() >= 0.0 and variances.max() < 20.0  # at most those of the bounds
 
 
-def test_a_mirror_in_step_holds_all_points():
+def test_a_synchronised_mirror_holds_all_points():
     tally = mirror_odd_segments(1, 500)
     assert not tally.faults
     assert 20 < tally.updates < tally.cases
 
 
-def test_what_the_association_should_not_say_is_a_fault(monkeypatch):
+def test_an_invalid_association_is_a_fault(monkeypatch):
     def wrong(*_):
         found = associate(*_)
         return replace(found, covariance=found.covariance * np.nan)
@@ -83,22 +83,22 @@ def altered(column, value, place):
         ("covariance", -1.0, (2, 0, 0), "below 0"),
     ],
 )
-def test_numbers_that_are_no_measurement_are_refused(good, name, value, place, why):
+def test_impossible_values_are_refused(good, name, value, place, why):
     check_landmarks(good)
     with pytest.raises(InputError, match=why):
         check_landmarks(replace(good, **{name: altered(getattr(good, name), value, place)}))
 
 
-def test_too_many_landmarks_are_refused_before_they_are_read(monkeypatch):
+def test_too_many_landmarks_are_refused_unread(monkeypatch):
     monkeypatch.setattr(landmark_messages, "MAX_LANDMARKS", 10)
     with pytest.raises(InputError) as error:
         read_landmarks(SimpleNamespace(landmarks=[None] * 11))
     assert error.value.reason == "many"
 
 
-def test_too_many_pairs_are_refused_before_they_are_made(good, monkeypatch):
+def test_too_many_candidates_are_refused_before_they_are_made(good, monkeypatch):
     assert len(associate(good, good)) > 5
-    monkeypatch.setattr(candidates, "MAX_CANDIDATES", 5)
+    monkeypatch.setattr(constants, "MAX_CANDIDATES", 5)
     with pytest.raises(InputError, match="more than 5 pairs"):
         associate(good, good)
 
@@ -110,14 +110,14 @@ def full(counts, segmented):
     )
 
 
-def test_a_full_list_that_does_not_add_up_is_not_believed():
+def test_an_inconsistent_full_list_is_rejected():
     assert SegmentMirror().update(full([3, 4], 7))
     assert SegmentMirror().update(full([], 0))
     assert not SegmentMirror().update(full([3, 4], 8))
     assert not SegmentMirror().update(full([7, 0], 7))  # a segment has points
 
 
-def test_a_message_of_the_same_number_with_other_points_is_not_believed():
+def test_a_repeated_message_with_other_counts_is_rejected():
     mirror = SegmentMirror()
     assert mirror.update(full([3, 4], 7))
     same = SimpleNamespace(**(vars(full([], 7)) | {"full": False}))

@@ -13,6 +13,7 @@ from worlds import BOUNDS, PRIOR
 from ellipseg_ros.association.candidates import (
     Candidates,
     ConsistencyLimits,
+    PairSet,
     consistency,
     find_candidates,
     normal_equations,
@@ -20,7 +21,7 @@ from ellipseg_ros.association.candidates import (
 from ellipseg_ros.association.cliques import maximal_cliques
 from ellipseg_ros.association.hypotheses import association_problem, find_hypotheses
 from ellipseg_ros.association.pairing import compare, workspace
-from ellipseg_ros.association.registration import PairSet, match, register
+from ellipseg_ros.association.registration import match, register
 from ellipseg_ros.records import DETERMINED, Kind
 
 pytestmark = pytest.mark.nojit
@@ -79,7 +80,7 @@ def test_consistency_of_two_candidates_equals_least_squares():
     centre = b.position.mean(axis=0)
     pairs = find_candidates(a, b, centre, BOUNDS)
     chosen = np.arange(min(40, len(pairs.later)))
-    equations = normal_equations(a, b, centre, pairs, chosen)
+    equations = normal_equations(PairSet(a, b, centre, pairs), chosen)
     limits = ConsistencyLimits(PRIOR, 16.0, 3.0, np.radians(15.0))
     consistent = consistency(equations, pairs, chosen, limits)
     assert 0 < consistent.sum() < consistent.size / 2

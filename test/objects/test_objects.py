@@ -1,4 +1,4 @@
-"""Objects against their plain twin, and what they are of things that are known."""
+"""Objects against their plain twin, and of scenes whose objects are known."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def rows_of(graph):
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(("cloud", "n"), [(street, 150), (grid, 120), (street, 3)])
-def test_boundaries_are_the_edges_between_segments(cloud, n):
+def test_adjacency_counts_the_edges_between_segments(cloud, n):
     _, graph, labels, segments = labelled(cloud, n)
     found = segment_adjacency(graph.knn_indices, labels, segments)
     expected = naive.boundaries(lists_of(graph), labels)
@@ -61,7 +61,7 @@ def test_boundaries_are_the_edges_between_segments(cloud, n):
 
 @pytest.mark.nojit
 @pytest.mark.parametrize(("cloud", "n"), [(street, 150), (grid, 120)])
-def test_features_are_the_means_of_the_points(cloud, n):
+def test_segment_features_are_means_over_the_points(cloud, n):
     points, graph, labels, segments = labelled(cloud, n)
     lists = lists_of(graph)
     found = segment_features(graph.moments, labels, segments)
@@ -77,7 +77,7 @@ def test_features_are_the_means_of_the_points(cloud, n):
 @pytest.mark.nojit
 @pytest.mark.parametrize("thickness", [0.0, 0.05, 0.3])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_merges_are_those_of_the_plain_twin(thickness, seed):
+def test_merges_equal_the_plain_twin(thickness, seed):
     points, graph, labels, segments = labelled(street, 80 if jit.PLAIN else 250, seed)
     # Thickened a little: which of two perfectly flat ones is thinner is a matter of rounding.
     extra = np.random.default_rng(seed).uniform(1e-4, 2e-3, segments)
@@ -112,7 +112,7 @@ def test_equal_costs_merge_the_lower_segments_first():
 
 
 @pytest.mark.nojit
-def test_a_heap_gives_the_least_whatever_was_changed():
+def test_heap_order_survives_changes_and_removals():
     rng = np.random.default_rng(0)
     heap, alive = empty_heap(60), {}
     for _ in range(500):
@@ -129,7 +129,7 @@ def test_a_heap_gives_the_least_whatever_was_changed():
 
 
 @pytest.mark.nojit
-def test_the_least_eigenvalue_is_lapacks():
+def test_smallest_eigenvalue_equals_lapack():
     rng = np.random.default_rng(1)
     for k in range(400):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -143,7 +143,7 @@ def test_the_least_eigenvalue_is_lapacks():
     assert least_eigenvalue(0.0, 0.0, 0.0, 0.0, 0.0, 0.0) == 0.0
 
 
-def test_a_hierarchy_can_be_cut_at_any_count():
+def test_hierarchy_can_be_cut_at_any_count_or_cost():
     hierarchy = Hierarchy(np.array([1, 0, 0]), np.array([3, 2, 1]), np.array([0.0, 2.0, 1.0]), 5)
     assert list(hierarchy.labels_after(0)) == [0, 1, 2, 3, 4]
     assert list(hierarchy.labels_after(hierarchy.merges_for_count(3))) == [0, 1, 0, 1, 2]
@@ -155,7 +155,7 @@ def test_a_hierarchy_can_be_cut_at_any_count():
         1,
     ]  # no more merges
     assert list(hierarchy.labels_after(hierarchy.merges_for_count(99))) == [0, 1, 2, 3, 4]
-    assert hierarchy.merges_up_to(1.5) == 1  # the cheaper one waits for the dearer one before it
+    assert hierarchy.merges_up_to(1.5) == 1  # cut before the first merge that costs more
     assert hierarchy.merges_up_to(2.0) == 3
 
 
@@ -171,7 +171,7 @@ def corner(rng):
     return points, np.repeat([0, 1, 2], [2000, 2000, 150])
 
 
-def test_a_ground_a_wall_and_a_post_are_an_object_each():
+def test_ground_wall_and_post_are_one_object_each():
     points, thing = corner(np.random.default_rng(0))
     found = segment(points)
     ids = found.point_object_ids
@@ -182,7 +182,7 @@ def test_a_ground_a_wall_and_a_post_are_an_object_each():
     assert len(found.objects) < len(found.ellipsoids) / 2
 
 
-def test_records_are_those_of_the_points_and_every_segment_has_its_object():
+def test_object_records_describe_the_points_of_their_segments():
     points, _ = corner(np.random.default_rng(1))
     found = segment(points + [4e5, 5e6, 100.0])
     objects = found.objects
@@ -201,7 +201,7 @@ def test_records_are_those_of_the_points_and_every_segment_has_its_object():
     assert sum(len(objects.members[o]) for o in range(len(objects))) == len(found.ellipsoids)
 
 
-def test_scale_and_thickness_do_what_they_say():
+def test_scale_and_thickness_control_the_number_of_objects():
     points, _ = corner(np.random.default_rng(2))
     config = Config()
     found = {
@@ -211,20 +211,20 @@ def test_scale_and_thickness_do_what_they_say():
         for scale in (0.0, 1e9)
         for thickness in (0.0, 0.02)
     }
-    assert len(found[1e9, 0.0]) == len(found[1e9, 0.02]) == 1  # all of it touches
+    assert len(found[1e9, 0.0]) == len(found[1e9, 0.02]) == 1  # all segments are connected
     assert 1 < len(found[0.0, 0.02]) < len(found[0.0, 0.0])
     assert segment(points, replace(config, objects=ObjectsConfig(enabled=False))).objects is None
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.zeros((1, 3)), np.zeros((50, 3))])
-def test_few_and_equal_points(points):
+def test_few_or_equal_points_give_objects(points):
     found = segment(points)
     assert len(found.objects) == len(set(found.point_object_ids[found.labels >= 0]))
     assert len(found.objects.members) == len(found.objects)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
-def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
+def test_objects_do_not_depend_on_the_number_of_threads(threads, monkeypatch):
     points, graph, labels, segments = labelled(street, 3000)
     own = moments_of(points, labels, segments)
     adjacency = segment_adjacency(graph.knn_indices, labels, segments)
@@ -241,7 +241,7 @@ def test_the_number_of_threads_changes_no_object(threads, monkeypatch):
         assert np.array_equal(ours, theirs), name
 
 
-def test_ids_stay_with_objects_while_the_window_moves():
+def test_object_ids_persist_while_the_window_moves():
     sweeps = list(simulator.Scene("roadway", duration=6.0))
     segmenter = Segmenter(Config(window_duration=4.0))
     before = None
