@@ -102,7 +102,7 @@ def live_requirements(live: LiveResult, sent: int, large: int) -> list[Requireme
     """Requirements on a running node; sent: odd clouds. large: points of the large cloud."""
     different = count_differences(live)
     growth = live.peak_mb - live.before_mb
-    early = int(live.large_report["points evicted"]) - live.tally.evicted
+    evicted = int(live.large_report["points evicted"]) - live.tally.evicted
     return [
         Requirement(
             "/diagnostics of a running node count every cloud, every reason and every point",
@@ -123,8 +123,8 @@ def live_requirements(live: LiveResult, sent: int, large: int) -> list[Requireme
             "a cloud of millions of points in one message is segmented, and the node continues",
             f"{large:,} points, 16 bytes each, `max_points` at its default",
             f"segments after {live.large_s:.1f} s, {growth:.0f} MB more than before; "
-            f"{early:,} points evicted, counted; the next cloud was segmented",
-            early == max(0, large - Config().max_points),
+            f"{evicted:,} points evicted, counted; the next cloud was segmented",
+            evicted == max(0, large - Config().max_points),
         ),
     ]
 

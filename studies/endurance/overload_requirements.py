@@ -89,7 +89,7 @@ def _memory(cases: list[Case]) -> str:
 
 
 def eviction(cases: list[Case], load: Load, test: str, max_points: int) -> Requirement:
-    """Whether exactly the points beyond `max_points` expire early."""
+    """Whether exactly the points beyond `max_points` are evicted."""
 
     def is_counted(case: Case) -> bool:
         early = case.count("points evicted")
@@ -99,8 +99,8 @@ def eviction(cases: list[Case], load: Load, test: str, max_points: int) -> Requi
         return early >= case.rate * (case.calm_from - case.latency.max()) - max_points
 
     return Requirement(
-        "beyond `max_points` the oldest points expire early and are counted",
-        f"{test}; `max_points` {max_points:,}: no point expires early if a window has fewer, else "
+        "beyond `max_points` the oldest points are evicted and counted",
+        f"{test}; `max_points` {max_points:,}: no point is evicted if a window has fewer, else "
         "all that were sent except these and what waited at the end; peak memory of the node",
         _memory(cases),
         any(case.rate * load.window_s > max_points for case in cases)
@@ -204,10 +204,10 @@ def counted_losses(cases: list[Case]) -> Requirement:
     """Whether lost and coalesced clouds are counted."""
     texts = []
     for case in cases:
-        received, lost, updates, joined, dropped = map(case.count, COUNTS)
+        received, lost, updates, coalesced, dropped = map(case.count, COUNTS)
         texts.append(
             f"{case.rate:,.0f} points/s, {case.clouds} clouds sent, {received} received, {lost} "
-            f"lost; {case.groups} groups of clouds, {updates} updates, {joined} coalesced, "
+            f"lost; {case.groups} groups of clouds, {updates} updates, {coalesced} coalesced, "
             f"{dropped} dropped"
         )
     return Requirement(
