@@ -1,4 +1,4 @@
-"""The command line, as a user meets it: files, JSON, one-line errors, exit codes."""
+"""The command line: files, JSON, one-line errors, exit codes."""
 
 import json
 import subprocess
@@ -60,10 +60,10 @@ def as_process(*words, **options):
     )
 
 
-# --- what is written -------------------------------------------------------------------------
+# --- results ---------------------------------------------------------------------------------
 
 
-def test_simulate_writes_the_scene_with_its_truth(bag):
+def test_simulate_writes_the_scene_with_ground_truth(bag):
     written, scene = list(open_source(bag)), list(open_source("sim:industrial", duration=2.2))
     assert len(written) == len(scene) == 22
     for sweep, same in zip(written, scene, strict=True):
@@ -102,13 +102,13 @@ def test_segment_writes_the_last_window(segmented):
     np.testing.assert_array_equal(ply.fields["label"], labels)
 
 
-def test_the_pictures_are_there(segmented):
+def test_segment_writes_pictures(segmented):
     pictures = sorted(path.name for path in segmented.glob("*.png"))
     assert len(pictures) == 5
     assert all((segmented / name).stat().st_size > 10_000 for name in pictures)
 
 
-def test_the_summary_adds_up(run, bag):
+def test_counts_of_the_summary_add_up(run, bag):
     code, out, err = run("segment", bag, "--json", "--no-pictures", "--no-bag")
     summary = json.loads(out)
     assert (code, err) == (0, "")
@@ -126,7 +126,7 @@ def test_the_summary_adds_up(run, bag):
     assert json.loads(open("yard_segmented/summary.json").read()) == summary
 
 
-def test_the_table_says_the_same(run, bag):
+def test_table_equals_the_summary(run, bag):
     _, table, _ = run("segment", bag, "--no-pictures", "--no-bag")
     summary = json.loads(open("yard_segmented/summary.json").read())
     assert f"{summary['window']['segmented']:,}" in table
@@ -134,11 +134,11 @@ def test_the_table_says_the_same(run, bag):
     assert "yard_segmented/: summary.json, window.npz, window.ply" in table
 
 
-def test_quiet_is_silent(run, bag):
+def test_quiet_prints_nothing(run, bag):
     assert run("segment", bag, "-q", "--no-pictures", "--no-bag") == (0, "", "")
 
 
-def test_a_second_run_replaces_the_first(run, bag):
+def test_second_run_replaces_the_first(run, bag):
     run("segment", bag, "-o", "out", "--no-pictures")
     code, out, _ = run("segment", bag, "-o", "out", "--no-pictures", "--no-bag", "--json")
     assert code == 0
@@ -154,7 +154,7 @@ def settings_of(run, bag, *words):
     return json.loads(out)["settings"]
 
 
-def test_options_win_over_the_file(run, bag, tmp_path):
+def test_options_override_the_file(run, bag, tmp_path):
     file = tmp_path / "params.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    use_sim_time: true\n    threshold: 7\n"
@@ -166,7 +166,7 @@ def test_options_win_over_the_file(run, bag, tmp_path):
     assert found["marker_min_count"] == 20 and found["model.noise_variance"] == 1e-3
 
 
-def test_the_shipped_parameter_file_is_the_defaults(run, bag):
+def test_installed_parameter_file_equals_the_defaults(run, bag):
     file = __file__.replace("test/cli/test_cli.py", "config/segmenter.yaml")
     assert settings_of(run, bag, "--params", file) == settings_of(run, bag)
 
@@ -204,7 +204,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("case", ERRORS)
-def test_an_error_is_one_line_and_code_2(run, bag, tmp_path, case):
+def test_error_is_one_line_and_code_2(run, bag, tmp_path, case):
     (tmp_path / "yard").symlink_to(bag)
     (tmp_path / "words.txt").write_text("a: [b\n")
     (tmp_path / "empty.mcap").write_bytes(b"")
@@ -217,7 +217,7 @@ def test_an_error_is_one_line_and_code_2(run, bag, tmp_path, case):
     assert says in err
 
 
-def test_the_source_is_never_overwritten(run, segmented):
+def test_source_is_never_overwritten(run, segmented):
     before = sorted(path.name for path in segmented.iterdir())
     code, _, err = run("segment", segmented / "bag", "--topic", "points", "-o", segmented)
     assert code == 2 and "is overwritten" in err
@@ -225,7 +225,7 @@ def test_the_source_is_never_overwritten(run, segmented):
 
 
 @pytest.mark.parametrize("words", [["fly"], [], ["segment"], ["segment", "x", "--criterion", "y"]])
-def test_a_wrong_usage_is_code_2(words, capsys):
+def test_wrong_usage_is_code_2(words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2
@@ -241,7 +241,7 @@ def test_ctrl_c_is_code_130_without_a_traceback(run, bag, monkeypatch):
     assert (code, out, err) == (130, "", "ellipseg: interrupted\n")
 
 
-def test_a_missing_package_is_named(run, monkeypatch):
+def test_missing_package_is_named(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "ellipseg_ros.cli.simulate", None)
     monkeypatch.delitem(sys.modules, "ellipseg_ros.io.bag", raising=False)
     monkeypatch.delitem(sys.modules, "ellipseg_ros.cli.segment", raising=False)
@@ -252,7 +252,7 @@ def test_a_missing_package_is_named(run, monkeypatch):
     assert err == "ellipseg: this needs the package tqdm: pip install tqdm\n"
 
 
-def test_a_full_disk_is_one_line(bag, tmp_path):
+def test_full_disk_is_one_line(bag, tmp_path):
     words = ["segment", bag, "--json", "--no-pictures", "--no-bag", "-o", tmp_path / "out"]
     with open("/dev/full", "w") as full:
         ended = as_process(*words, stdout=full)
@@ -260,7 +260,7 @@ def test_a_full_disk_is_one_line(bag, tmp_path):
     assert ended.stderr == "ellipseg: No space left on device\n"
 
 
-def test_help_is_quick_and_shows_examples():
+def test_help_imports_nothing_heavy_and_shows_examples():
     code = (
         "import sys\nfrom ellipseg_ros.cli.main import main\n"
         "try:\n    main(['segment', '--help'])\nexcept SystemExit:\n    pass\n"
@@ -282,7 +282,7 @@ def test_help_is_quick_and_shows_examples():
         ("velodyne", 1, False),
     ],
 )
-def test_a_frame_of_a_sensor_is_warned_of(monkeypatch, capsys, frame_id, count, warned):
+def test_frame_of_a_sensor_gives_a_warning(monkeypatch, capsys, frame_id, count, warned):
     source = Source("drive", frame_id, count, None, [])
     monkeypatch.setattr(sources, "open_source", lambda *_: source)
     assert sources.open_input("drive.mcap", Namespace(quiet=False, json=False)) is source

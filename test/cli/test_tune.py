@@ -1,4 +1,4 @@
-"""`ellipseg tune`: what it writes, wherever the work is done, and what goes wrong on the way."""
+"""`ellipseg tune`: results, parallel execution, and failures."""
 
 import csv
 import json
@@ -75,7 +75,7 @@ def brute_force(drive, threshold, **config):
 # --- results ---------------------------------------------------------------------------------
 
 
-def test_the_files_hold_what_a_brute_force_sweep_finds(tune, drive):
+def test_files_equal_a_brute_force_search(tune, drive):
     assert tune(drive, *QUICK, "-q", "-o", "out").code == 0
     found = numbers("out")
     assert found["windows"] == 3 and found["problems"] == []
@@ -90,7 +90,7 @@ def test_the_files_hold_what_a_brute_force_sweep_finds(tune, drive):
     assert (rows[-1]["window"], rows[-1]["criterion"]) == ("2", "shape")
 
 
-def test_the_parameter_file_gives_the_node_what_was_tuned(tune, drive):
+def test_parameter_file_holds_the_tuned_threshold_and_settings(tune, drive):
     words = ["--set", "graph.neighbours=8", "--set", "marker_min_count=30"]
     assert tune(drive, *QUICK, *words, "-q", "-o", "out").code == 0
     given = yaml.safe_load(Path("out/segmenter_shape.yaml").read_text())["/**"]["ros__parameters"]
@@ -118,7 +118,7 @@ def test_all_criteria_share_the_windows(tune, drive):
         assert curve["aicc"][row] == brute_force(drive, choice["present"], criterion=name)[1]
 
 
-def test_the_table_and_the_json_say_the_same(tune, drive):
+def test_table_equals_the_json(tune, drive):
     table = tune(drive, *QUICK, "-o", "table")
     printed = tune(drive, *QUICK, "-o", "json", "--json")
     assert json.loads(printed.out)["choices"] == numbers("table")["choices"]
@@ -128,14 +128,14 @@ def test_the_table_and_the_json_say_the_same(tune, drive):
     assert printed.err == ""
 
 
-def test_several_sources_are_told_apart(tune, drive, tmp_path):
+def test_windows_of_several_sources_are_distinguished(tune, drive, tmp_path):
     other = write_drive(tmp_path / "other.npz", seconds=2.0, seed=1)
     assert tune(other, drive, *QUICK, "-q", "-o", "out").code == 0
     places = [(curve["source"], curve["window"]) for curve in numbers("out")["curves"]]
     assert places == [(str(other), 0), (str(other), 1), *((str(drive), k) for k in range(3))]
 
 
-def test_the_picture_has_three_panels_with_curves(tune, drive):
+def test_picture_has_three_panels_with_curves(tune, drive):
     words = [word for word in QUICK if word != "--no-pictures"]
     assert tune(drive, *words, "-q", "-o", "out").code == 0
     image = imread("out/shape.png")[..., :3]
@@ -159,13 +159,13 @@ def expected(drive, tmp_path_factory):
     return numbers(folder)
 
 
-def test_two_processes_find_the_same(tune, drive, expected):
+def test_two_processes_give_the_same_result(tune, drive, expected):
     words = [drive, *QUICK, "-q", "--criterion", "all", "-o", "out", "--jobs", "2"]
     assert tune(*words).code == 0
     assert numbers("out") == expected
 
 
-def test_the_threads_of_this_process_find_the_same(tune, drive, expected):
+def test_threads_of_this_process_give_the_same_result(tune, drive, expected):
     cuts = list(windows(str(drive), open_source(drive), Config(window_duration=1.0)))
     tasks = [
         Task(cut, Config(window_duration=1.0), ("shape", "density", "parsimony"), Search(count=5))
@@ -177,7 +177,7 @@ def test_the_threads_of_this_process_find_the_same(tune, drive, expected):
         assert {name: curve.as_dict() for name, curve in curves.items()} == result["curves"]
 
 
-def test_a_dask_cluster_of_two_processes_finds_the_same(tune, drive, expected):
+def test_dask_cluster_gives_the_same_result(tune, drive, expected):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
@@ -190,7 +190,7 @@ def test_a_dask_cluster_of_two_processes_finds_the_same(tune, drive, expected):
 # --- what goes wrong -------------------------------------------------------------------------
 
 
-def test_finished_windows_are_not_run_again(tune, drive, monkeypatch):
+def test_finished_windows_are_reused(tune, drive, monkeypatch):
     assert tune(drive, *QUICK, "-q", "-o", "out").code == 0
     before = numbers("out")
     kept = sorted(Path("out/windows").iterdir())
@@ -223,7 +223,7 @@ def here(ran, problem=lambda task: None):
     return parallel.contextmanager(lambda: (yield parallel.Workers(1, submit)))()
 
 
-def test_a_failed_window_is_told_and_the_others_are_tuned(tune, drive, monkeypatch):
+def test_failed_window_is_reported_and_others_are_tuned(tune, drive, monkeypatch):
     def second(task):
         return MemoryError("no\nroom") if task.cut.number == 1 else None
 
@@ -235,7 +235,7 @@ def test_a_failed_window_is_told_and_the_others_are_tuned(tune, drive, monkeypat
     assert [curve["window"] for curve in numbers("out")["curves"]] == [0, 2]
 
 
-def test_if_every_window_fails_it_is_one_line(tune, drive, monkeypatch):
+def test_failure_of_every_window_is_one_line(tune, drive, monkeypatch):
     monkeypatch.setattr(parallel, "processes", lambda count: here([], lambda _: ValueError("odd")))
     found = tune(drive, *QUICK, "-q", "-o", "out")
     assert found.code == 2
@@ -249,7 +249,7 @@ class Deadly:
         os._exit(1)
 
 
-def test_a_worker_process_that_dies_is_told_and_replaced(drive):
+def test_dead_worker_process_is_reported_and_replaced(drive):
     config = Config(window_duration=1.0)
     cuts = list(windows("a", open_source(drive), config))
     tasks = [
@@ -263,7 +263,7 @@ def test_a_worker_process_that_dies_is_told_and_replaced(drive):
     assert [outcome.problem for outcome in alive] == ["", ""]
 
 
-def test_a_source_that_breaks_off_is_told_and_the_next_is_read(tune, drive, monkeypatch):
+def test_truncated_source_is_reported_and_the_next_is_read(tune, drive, monkeypatch):
     def broken():
         yield from islice(open_source(drive), 15)  # 1.5 s
         raise InputError("the 16th cloud can't be read")
@@ -292,7 +292,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_bad_input_is_one_line(tune, name, monkeypatch):
+def test_invalid_input_is_one_line(tune, name, monkeypatch):
     monkeypatch.setattr(parallel, "PATIENCE", 1)
     Path("foreign.txt").write_text("mine")
     words, reason = ERRORS[name]
@@ -302,7 +302,7 @@ def test_bad_input_is_one_line(tune, name, monkeypatch):
     assert reason in line
 
 
-def test_an_interrupted_run_ends_its_processes_and_goes_on_later(drive, tmp_path):
+def test_interrupted_run_ends_its_processes_and_can_be_resumed(drive, tmp_path):
     """Ctrl-C, as a terminal sends it: to all processes of the group."""
     long = write_drive(tmp_path / "long.npz", seconds=60.0)
     words = ["tune", str(long), *QUICK[:4], "-o", str(tmp_path / "out"), "--jobs", "2"]

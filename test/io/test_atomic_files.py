@@ -6,7 +6,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.atomic_files import replacing, write_text
 
 
-def test_what_goes_wrong_leaves_the_file_as_it_was(tmp_path):
+def test_failed_write_leaves_the_file_unchanged(tmp_path):
     path = tmp_path / "text"
     write_text(path, "one")
 
@@ -22,7 +22,7 @@ def test_what_goes_wrong_leaves_the_file_as_it_was(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["file/inside", "missing/inside", "x" * 300])
-def test_where_nothing_can_be_written_one_line_says_so(tmp_path, name):
+def test_unwritable_path_is_one_line(tmp_path, name):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="can't be written: "):
         write_text(tmp_path / name, "text")

@@ -117,7 +117,7 @@ def bag(request, tmp_path):
     return storage_file(path) if "bare" in request.param else path
 
 
-def test_every_kind_of_bag_gives_its_sweeps_again_and_again(bag):
+def test_bags_of_every_format_can_be_iterated_repeatedly(bag):
     found = BagSweeps(bag)
     assert (found.topic, found.count, found.frame_id) == ("/points", 3, "map")
     assert found.duration == pytest.approx(0.2, abs=1e-6)
@@ -125,7 +125,7 @@ def test_every_kind_of_bag_gives_its_sweeps_again_and_again(bag):
     assert same(found, sweeps())
 
 
-def test_a_truncated_bag_is_refused_in_one_line(bag):
+def test_truncated_bag_is_refused_in_one_line(bag):
     path = storage_file(bag) if bag.is_dir() else bag
     whole = path.read_bytes()
     for size in (0, 5, len(whole) // 2, len(whole) - 20):
@@ -133,7 +133,7 @@ def test_a_truncated_bag_is_refused_in_one_line(bag):
         refused(lambda: list(BagSweeps(bag)), "bad_bag")
 
 
-def test_garbage_inside_a_bag_never_gives_more_than_one_line(bag):
+def test_damaged_bag_is_refused_in_one_line(bag):
     path = storage_file(bag) if bag.is_dir() else bag
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
@@ -150,7 +150,7 @@ def test_garbage_inside_a_bag_never_gives_more_than_one_line(bag):
     assert refusals and all(len(text.splitlines()) == 1 for text in refusals)
 
 
-def test_a_topic_must_be_named_if_there_are_several_and_must_exist(tmp_path):
+def test_topic_must_exist_and_be_given_if_there_are_several(tmp_path):
     bag = write_ros2(tmp_path / "two", topics=("/front", "/rear"))
     assert "/front, /rear" in refused(lambda: BagSweeps(bag), "no_topic")
     assert "/front, /rear" in refused(lambda: BagSweeps(bag, "/side"), "no_topic")
@@ -160,13 +160,13 @@ def test_a_topic_must_be_named_if_there_are_several_and_must_exist(tmp_path):
     assert "/rosout" in refused(lambda: BagSweeps(none), "no_topic")
 
 
-def test_a_topic_without_messages_is_refused(tmp_path):
+def test_topic_without_messages_is_refused(tmp_path):
     with Writer(tmp_path / "silent", version=9) as writer:
         writer.add_connection("/points", CLOUD, typestore=node_types())
     refused(lambda: BagSweeps(tmp_path / "silent"), "empty")
 
 
-def test_a_bad_cloud_says_which_one_it_is(tmp_path):
+def test_invalid_cloud_is_named_by_its_number(tmp_path):
     good, bad = list(sweeps(2))
     store = get_typestore(Stores.ROS2_JAZZY)
     with BagSink(tmp_path / "bag") as sink:
@@ -178,7 +178,7 @@ def test_a_bad_cloud_says_which_one_it_is(tmp_path):
     assert text.startswith("message 1 of /points in ")
 
 
-def test_folders_that_are_no_bags_are_refused(tmp_path):
+def test_folders_without_a_bag_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     refused(lambda: BagSweeps(tmp_path / "empty"), "bad_bag")
     several = write_ros2(tmp_path / "several")
@@ -188,7 +188,7 @@ def test_folders_that_are_no_bags_are_refused(tmp_path):
     refused(lambda: BagSweeps(tmp_path / "missing.bag"), "bad_bag")
 
 
-def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
+def test_written_bag_holds_the_messages_of_the_node(tmp_path):
     found = [
         random_records.segmentation(sequence=k, end_ns=START_NS + k * 10**9) for k in range(2)
     ]
@@ -221,7 +221,7 @@ def test_a_written_bag_holds_what_the_node_publishes(tmp_path):
     assert len(read[0].segments) == len(found[0].ids)
 
 
-def test_a_bag_is_whole_after_every_update(tmp_path):
+def test_bag_is_complete_after_every_update(tmp_path):
     whole = tmp_path / "out"
     with BagSink(whole) as sink:
         assert refused(lambda: BagSweeps(whole), "no_topic")
@@ -235,7 +235,7 @@ def test_a_bag_is_whole_after_every_update(tmp_path):
                 assert sum(1 for _ in reader.messages()) == 4 * (k + 1)
 
 
-def test_clouds_without_updates_get_into_the_bag_every_few_megabytes(tmp_path):
+def test_clouds_without_updates_are_flushed_every_few_megabytes(tmp_path):
     rng = np.random.default_rng(0)
     with BagSink(tmp_path / "out") as sink:
         for k in range(10):
@@ -251,18 +251,18 @@ def write_and(path, then):
         then()
 
 
-def test_a_failed_write_leaves_nothing_behind(tmp_path):
+def test_failed_write_removes_the_bag(tmp_path):
     with pytest.raises(ZeroDivisionError):
         write_and(tmp_path / "deep" / "out", lambda: 1 / 0)
     assert os.listdir(tmp_path / "deep") == []
 
 
-def test_a_bag_is_never_overwritten(tmp_path):
+def test_existing_bag_is_never_overwritten(tmp_path):
     (tmp_path / "there").mkdir()
     refused(lambda: BagSink(tmp_path / "there"), "exists")
 
 
-def test_a_place_that_cannot_be_written_is_refused_in_one_line(tmp_path):
+def test_unwritable_path_is_refused_in_one_line(tmp_path):
     (tmp_path / "file").touch()
     refused(lambda: BagSink(tmp_path / "file" / "out").__enter__(), "write")
     late = tmp_path / "late"
@@ -272,7 +272,7 @@ def test_a_place_that_cannot_be_written_is_refused_in_one_line(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["file", "late"] and os.listdir(late) == ["full"]
 
 
-def test_the_message_definitions_are_found_in_a_checkout_and_in_an_installation(tmp_path):
+def test_message_definitions_are_found_in_checkout_and_installation(tmp_path):
     assert {
         "ellipseg_ros/msg/Segment",
         "ellipseg_ros/msg/SegmentArray",

@@ -167,7 +167,7 @@ def test_npz_with_times_and_sweeps_is_a_drive(tmp_path):
         assert s.fields.dtype.names == ("x", "y", "z", "t", "sweep", "label")
 
 
-def test_npz_with_times_alone_is_cut_into_tenths_of_a_second(tmp_path):
+def test_npz_with_times_only_is_cut_into_tenths_of_a_second(tmp_path):
     t = np.linspace(10.0, 10.99, N)
     np.savez(tmp_path / "drive.npz", xyz=points(), t=t)
     found = list(CloudSweeps(tmp_path / "drive.npz"))
@@ -199,7 +199,7 @@ def test_npz_without_times_is_one_sweep(tmp_path):
         ("times", {"xyz": np.zeros((2, 3)), "t": np.array([0.0, np.nan])}),
     ],
 )
-def test_npz_that_hold_no_points_are_refused(tmp_path, reason, arrays):
+def test_npz_without_valid_points_is_refused(tmp_path, reason, arrays):
     np.savez(tmp_path / "bad.npz", **arrays)
     refused(tmp_path / "bad.npz", reason)
 
@@ -256,7 +256,7 @@ def good_file(path):
 
 
 @pytest.mark.parametrize("suffix", sorted(FORMATS))
-def test_a_truncated_or_wrong_file_is_refused_in_one_line(tmp_path, suffix):
+def test_truncated_or_wrong_file_is_refused_in_one_line(tmp_path, suffix):
     path = tmp_path / f"cloud{suffix}"
     whole = good_file(path)
     assert len(read_fields(path))
@@ -267,7 +267,7 @@ def test_a_truncated_or_wrong_file_is_refused_in_one_line(tmp_path, suffix):
 
 # Not LAS and LAZ: laspy and lazrs believe any count in a header, and take the memory for it.
 @pytest.mark.parametrize("suffix", [".npz", ".pcd", ".ply"])
-def test_garbage_inside_a_file_never_gives_more_than_one_line(tmp_path, suffix):
+def test_damaged_file_is_refused_in_one_line(tmp_path, suffix):
     path = tmp_path / f"cloud{suffix}"
     whole = good_file(path)
     rng = np.random.default_rng(0)
@@ -284,7 +284,7 @@ def test_garbage_inside_a_file_never_gives_more_than_one_line(tmp_path, suffix):
     assert refusals and all(len(text.splitlines()) == 1 for text in refusals)
 
 
-def test_other_kinds_are_refused_with_a_list_of_those_there_are(tmp_path):
+def test_unknown_suffix_is_refused_with_a_list_of_formats(tmp_path):
     (tmp_path / "cloud.e57").touch()
     assert ".pcd, .ply, .las, .laz, .npz" in refused(tmp_path / "cloud.e57", "suffix")
 
@@ -296,7 +296,7 @@ def found_with(table):
     return random_records.segmentation(len(table), 5, fields=table)
 
 
-def test_a_written_npz_holds_everything_and_reads_back_as_a_drive(tmp_path):
+def test_written_npz_is_complete_and_can_be_read_as_a_drive(tmp_path):
     found = found_with(fields())
     npz.write(tmp_path / "out.npz", found)
     with np.load(tmp_path / "out.npz") as file:
@@ -310,7 +310,7 @@ def test_a_written_npz_holds_everything_and_reads_back_as_a_drive(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out.npz"]
 
 
-def test_a_written_ply_holds_every_point_field_label_and_colour(tmp_path):
+def test_written_ply_holds_every_point_field_label_and_colour(tmp_path):
     table = np.zeros(
         N, fields().dtype.descr + [("normal", "f4", (3,)), ("odd name", "i8"), ("ok", "?")]
     )
@@ -332,7 +332,7 @@ def test_a_written_ply_holds_every_point_field_label_and_colour(tmp_path):
 
 
 @pytest.mark.parametrize("write", [npz.write, ply.write])
-def test_a_failed_write_leaves_nothing_behind_and_what_was_there(tmp_path, write):
+def test_failed_write_leaves_existing_files_unchanged(tmp_path, write):
     with pytest.raises(InputError) as error:
         write(tmp_path / "no folder" / "out.npz", random_records.segmentation())
     assert error.value.reason == "write" and len(str(error.value).splitlines()) == 1

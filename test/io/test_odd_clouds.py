@@ -26,18 +26,18 @@ from studies.endurance.odd_clouds import odd_cloud
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_odd_clouds_give_an_update_or_a_short_reason_and_every_point_is_accounted_for(seed):
+def test_odd_clouds_give_an_update_or_a_short_reason_without_losing_points(seed):
     tally = conversion.convert(seed, range(300))
     assert not tally.faults
     assert tally.cases == 300 and tally.accepted > 150 and tally.updates > 30
     assert len(tally.rejected) >= 6  # of the reasons that there are
 
 
-def test_a_case_is_the_same_whatever_came_before():
+def test_cases_do_not_depend_on_earlier_ones():
     assert odd_cloud(3, 17) == odd_cloud(3, 17) != odd_cloud(4, 17)
 
 
-def test_the_bytes_of_an_odd_cloud_are_its_message():
+def test_serialized_odd_cloud_equals_its_message():
     for case in range(200):
         cloud = odd_cloud(0, case)
         if not all(f.name.isprintable() for f in cloud.fields):
@@ -48,7 +48,7 @@ def test_the_bytes_of_an_odd_cloud_are_its_message():
         assert (msg.width, msg.height, bytes(msg.data)) == (cloud.width, cloud.height, cloud.data)
 
 
-# --- the account itself can say no ------------------------------------------------------------
+# --- the account of points --------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -76,14 +76,14 @@ def update():
         ),
     ],
 )
-def test_the_account_finds_what_is_wrong(update, change, fault):
+def test_account_reports_wrong_updates(update, change, fault):
     sweep, found = update
     assert not list(update_check.contradictions(None, sweep, found, Config()))
     wrong = replace(found, **change(found))
     assert any(fault in told for told in update_check.contradictions(None, sweep, wrong, Config()))
 
 
-def test_what_raises_or_warns_is_a_fault(monkeypatch):
+def test_exceptions_and_warnings_are_faults(monkeypatch):
     def odd(cloud):
         if cloud.width % 2:
             raise ZeroDivisionError("that was not expected")
@@ -95,7 +95,7 @@ def test_what_raises_or_warns_is_a_fault(monkeypatch):
     )
 
 
-# --- what was found, and mended ---------------------------------------------------------------
+# --- regressions -------------------------------------------------------------------------------
 
 
 def odom(points, second=0, **changes):
@@ -111,7 +111,7 @@ def with_fields(count, *fields, second=0):
     return odom(xyz, second, fields=table)
 
 
-def test_a_segment_that_spans_the_earth_takes_no_longer_than_any_other():
+def test_segment_that_spans_the_earth_takes_no_longer():
     """Each of the points has a neighbour, and those next to it are thousands of km away."""
     rng = np.random.default_rng(3)
     pairs = np.repeat(np.outer(rng.uniform(-1e8, 1e8, 40), [1.0, 0.3, -0.2]), 2, axis=0)
@@ -127,14 +127,14 @@ def test_a_segment_that_spans_the_earth_takes_no_longer_than_any_other():
     ("sec", "nanosec"),
     [(-1, 0), (2**31 - 1, 0), (0, SECOND), (0, 2**32 - 1), (MAX_STAMP_S + 1, 0)],
 )
-def test_a_stamp_that_is_none_is_refused(sec, nanosec):
+def test_invalid_stamp_is_refused(sec, nanosec):
     cloud = replace(large_cloud(3), header=Header(Time(sec, nanosec), "odom"))
     with pytest.raises(InputError) as error:
         read_sweep(cloud)
     assert error.value.reason == "stamp"
 
 
-def test_the_last_stamp_with_all_that_is_added_to_it_fits_a_message():
+def test_largest_stamp_with_all_offsets_fits_a_message():
     cloud = replace(large_cloud(50), header=Header(Time(MAX_STAMP_S, SECOND - 1), "odom"))
     sweep = read_sweep(cloud)
     late = replace(sweep, offsets_ns=np.full(50, 10 * SECOND))
@@ -144,7 +144,7 @@ def test_the_last_stamp_with_all_that_is_added_to_it_fits_a_message():
 
 
 @pytest.mark.parametrize("name", ["n" * 256, "two\nlines", "nul\0", "\ud800"])
-def test_names_that_cannot_be_shown_are_refused(name):
+def test_unprintable_names_are_refused(name):
     cloud = large_cloud(3)
     frame = replace(cloud, header=Header(cloud.header.stamp, name))
     field = replace(cloud, fields=[*cloud.fields[:3], replace(cloud.fields[3], name=name)])
@@ -154,7 +154,7 @@ def test_names_that_cannot_be_shown_are_refused(name):
         assert error.value.reason == "name" and len(str(error.value)) < 200
 
 
-def test_fields_that_overlap_may_not_take_more_than_a_point_has():
+def test_overlapping_fields_are_limited_by_the_size_of_a_point():
     cloud = large_cloud(3)
     more = [replace(cloud.fields[3], name=f"f{k}") for k in range(MAX_FIELDS_BYTES // 4)]
     with pytest.raises(InputError) as error:
@@ -166,7 +166,7 @@ def test_fields_that_overlap_may_not_take_more_than_a_point_has():
     )
 
 
-def test_one_cloud_with_many_fields_begins_the_window_anew_and_does_not_widen_all_points():
+def test_cloud_with_many_fields_restarts_the_window():
     plain, wide = with_fields(500), with_fields(1, ("a", "u1", (600,)), second=1)
     wider = with_fields(1, ("b", "u1", (600,)), second=2)
     segmenter, grouping = Segmenter(), Grouping(Config())
@@ -178,7 +178,7 @@ def test_one_cloud_with_many_fields_begins_the_window_anew_and_does_not_widen_al
         assert ("take more than" in found.restart) == anew
 
 
-def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
+def test_points_of_many_bytes_are_evicted(monkeypatch):
     monkeypatch.setattr(window, "MAX_WINDOW_BYTES", 100_000)
     config = Config(max_points=2000)
     segmenter = Segmenter(config)
@@ -193,7 +193,7 @@ def test_points_of_many_bytes_expire_early_like_too_many_points(monkeypatch):
     assert len(unlimited.process(with_fields(500)).points) == 500
 
 
-def test_a_message_beyond_four_gigabytes_is_refused_not_begun(monkeypatch):
+def test_message_above_four_gigabytes_is_refused(monkeypatch):
     monkeypatch.setattr("ellipseg_ros.io.pointcloud2.MAX_DATA_BYTES", 1000)
     found = Segmenter().process(with_fields(500))
     with pytest.raises(InputError) as error:
@@ -202,13 +202,13 @@ def test_a_message_beyond_four_gigabytes_is_refused_not_begun(monkeypatch):
     assert write_cloud(with_fields(10).fields, 0, "odom")
 
 
-def test_a_time_of_the_smallest_integer_is_not_near():
+def test_smallest_integer_is_no_valid_time():
     table = np.zeros(2, [("timestamp", "i8")])
     table["timestamp"] = -(2**63)
     assert not time_offsets(table, SECOND).any()
 
 
-def test_a_signalling_nan_is_quiet_from_then_on():
+def test_signalling_nan_is_rejected_without_a_warning():
     cloud = large_cloud(40)
     fields = [replace(f, datatype=8, offset=8 * k) for k, f in enumerate(cloud.fields)]
     numbers = np.ones((40, 4))
@@ -218,7 +218,7 @@ def test_a_signalling_nan_is_quiet_from_then_on():
         assert Segmenter().process(read_sweep(odd)).counts.rejected == 1
 
 
-def test_sizes_beyond_what_64_bits_hold_are_refused():
+def test_sizes_above_64_bits_are_refused():
     cloud = replace(large_cloud(3), width=2**32 - 1, height=2**32 - 1, row_step=2**32 - 1)
     with pytest.raises(InputError):
         read_sweep(cloud)

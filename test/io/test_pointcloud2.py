@@ -52,7 +52,7 @@ def serialized(message):
     return node_types().deserialize_cdr(message, CLOUD)
 
 
-def test_what_a_message_carries_beside_its_points_is_not_kept():
+def test_unused_data_of_a_message_is_not_kept():
     plain = xyz_cloud(points=100)
     assert not read_sweep(plain).fields.flags.owndata  # a copy would cost time, and save nothing
     heavy = read_sweep(cloud([X, Y, Z], plain.data + bytes(10**6), 100))
@@ -113,7 +113,7 @@ def clouds(draw):
 
 @given(clouds())
 @settings(max_examples=200, deadline=None)
-def test_every_layout_is_read_as_one_number_at_a_time_would_be(msg):
+def test_every_layout_is_read_like_by_the_naive_reader(msg):
     sweep = read_sweep(msg)
     assert sweep.stamp_ns == STAMP_NS and sweep.frame_id == "odom"
     for column, name in enumerate("xyz"):
@@ -127,12 +127,12 @@ def test_every_layout_is_read_as_one_number_at_a_time_would_be(msg):
     assert sweep.fields.dtype.itemsize == msg.point_step
 
 
-def test_a_plain_cloud_is_not_copied():
+def test_plain_cloud_is_not_copied():
     msg = cloud([X, Y, Z], np.arange(6, dtype="<f4").view(np.uint8), 2)
     assert np.shares_memory(read_sweep(msg).fields, msg.data)
 
 
-def test_coordinates_of_millions_of_metres_lose_nothing():
+def test_large_coordinates_keep_full_precision():
     points = np.array([[456_789.123, 5_400_000.0 + 2.0**-10, 312.5], [np.nan, np.inf, -0.0]])
     sweep = read_sweep(serialized(write_sweep(Sweep(7, points))))
     np.testing.assert_array_equal(sweep.points, points)
@@ -148,12 +148,12 @@ def test_coordinates_of_millions_of_metres_lose_nothing():
         xyz_cloud(points=0, height=5),
     ],
 )
-def test_a_cloud_of_no_points_is_a_sweep_of_no_points(msg):
+def test_empty_cloud_is_an_empty_sweep(msg):
     sweep = read_sweep(msg)
     assert len(sweep) == 0 and sweep.stamp_ns == STAMP_NS
 
 
-def test_a_single_row_may_have_any_row_step_and_the_last_row_no_padding():
+def test_row_step_of_a_single_row_and_padding_of_the_last_row_are_ignored():
     assert len(read_sweep(xyz_cloud(row_step=0))) == 2
     data = np.arange(7, dtype="<f4").tobytes()  # 12 + 4 + 12 bytes
     msg = cloud([field(n, 4 * k) for k, n in enumerate("xyz")], data, 1, height=2, row_step=16)
@@ -196,7 +196,7 @@ def test_fields_that_pcl_names_as_padding_are_gaps():
         ("row_step", cloud([X, Y, Z], bytes(48), 2, height=2, row_step=12)),
     ],
 )
-def test_a_bad_cloud_is_refused_in_one_line(reason, msg):
+def test_invalid_cloud_is_refused_in_one_line(reason, msg):
     with pytest.raises(InputError) as error:
         read_sweep(msg)
     assert error.value.reason == reason
@@ -219,7 +219,7 @@ def test_a_bad_cloud_is_refused_in_one_line(reason, msg):
         ("timestamp", 1_700_000_000.0 + np.array([0.0, 0.099, 999.0, np.nan])),
     ],
 )
-def test_the_times_of_the_usual_drivers_are_understood(name, values):
+def test_times_of_common_drivers_are_read(name, values):
     sweep = with_field(name, values)
     assert np.abs(sweep.offsets_ns[:2] - [0, 99_000_000]).max() < 1000
     assert not sweep.offsets_ns[2:].any()
@@ -236,7 +236,7 @@ def test_the_times_of_the_usual_drivers_are_understood(name, values):
         ("timestamp", np.array([1e308, -np.inf])),
     ],
 )
-def test_what_is_no_time_leaves_all_points_at_the_stamp(name, values):
+def test_invalid_times_give_the_time_of_the_stamp(name, values):
     assert not with_field(name, values).offsets_ns.any()
 
 
@@ -252,7 +252,7 @@ def with_field(name, values):
 
 @given(st.integers(0, 2**32), st.booleans())
 @settings(max_examples=50, deadline=None)
-def test_a_sweep_comes_back_as_it_was(seed, with_fields):
+def test_sweep_survives_a_round_trip(seed, with_fields):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(0, 6))
     points = rng.normal(scale=100.0, size=(n, 3))
@@ -283,7 +283,7 @@ def labelled(found):
     return msg, read_sweep(msg)
 
 
-def test_all_points_are_published_with_id_and_colour():
+def test_all_points_are_written_with_id_and_colour():
     found = random_records.segmentation()
     msg, sweep = labelled(found)
     assert (msg.header.frame_id, sweep.stamp_ns) == ("odom", found.end_ns)
@@ -300,7 +300,7 @@ def test_all_points_are_published_with_id_and_colour():
     assert len(set(rgb)) == 21  # 20 segments differ
 
 
-def test_the_inputs_fields_keep_place_type_and_value_and_only_names_of_ours_change():
+def test_input_fields_are_kept_and_only_reserved_names_change():
     names = ["label", "x", "y", "z", "rgb", "object", "input_rgb"]
     formats = ["f4", "f8", "f8", "f8", "f4", "u1", "u4"]
     offsets = [0, 8, 16, 24, 32, 36, 40]
@@ -319,7 +319,7 @@ def test_the_inputs_fields_keep_place_type_and_value_and_only_names_of_ours_chan
     np.testing.assert_array_equal(raw, fields.view(np.uint8).reshape(400, 49))  # gaps, too
 
 
-def test_points_without_fields_are_float32_unless_that_moves_them_by_a_millimetre():
+def test_points_without_fields_are_float32_unless_the_error_is_a_millimetre():
     near = random_records.segmentation()
     assert labelled(near)[1].fields.dtype["x"] == np.float32
     utm = replace(near, points=near.points + 5e6)
@@ -328,7 +328,7 @@ def test_points_without_fields_are_float32_unless_that_moves_them_by_a_millimetr
     np.testing.assert_array_equal(sweep.points, utm.points)
 
 
-def test_a_cloud_with_nan_says_that_it_is_not_dense():
+def test_cloud_with_nan_is_marked_as_not_dense():
     found = random_records.segmentation()
     assert labelled(found)[0].is_dense
     points = found.points.copy()
@@ -336,7 +336,7 @@ def test_a_cloud_with_nan_says_that_it_is_not_dense():
     assert not labelled(replace(found, points=points))[0].is_dense
 
 
-def test_types_that_pointfield_lacks_become_wider_ones():
+def test_types_without_point_field_become_wider_ones():
     fields = np.zeros(2, [("x", "f2"), ("y", "f4"), ("z", "f4"), ("n", "i8"), ("ok", "?")])
     fields["n"] = [2**53, -1]
     fields["ok"] = [True, False]

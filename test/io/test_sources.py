@@ -35,7 +35,7 @@ def source(request, tmp_path):
     return open_source(str(bag / "drive.mcap") if "file" in request.param else bag)
 
 
-def test_every_source_knows_itself_and_gives_the_same_sweeps_again(source):
+def test_source_describes_itself_and_can_be_iterated_repeatedly(source):
     assert source.name in ("drive", "woodland") and source.frame_id in ("map", "odom")
     assert source.count == 3 and source.duration == pytest.approx(0.25, abs=0.06)
     first, second = list(source), list(source)
@@ -46,7 +46,7 @@ def test_every_source_knows_itself_and_gives_the_same_sweeps_again(source):
         np.testing.assert_array_equal(a.times_ns, b.times_ns)
 
 
-def test_a_bag_of_a_source_is_the_source(source, tmp_path):
+def test_bag_written_from_a_source_equals_it(source, tmp_path):
     with BagSink(tmp_path / "copy") as sink:
         for sweep in source:
             sink.write_points(sweep)
@@ -56,7 +56,7 @@ def test_a_bag_of_a_source_is_the_source(source, tmp_path):
         np.testing.assert_array_equal(a.offsets_ns, b.offsets_ns)
 
 
-def test_a_topic_is_passed_on(tmp_path):
+def test_topic_is_passed_to_the_bag(tmp_path):
     bag = a_bag(tmp_path / "drive")
     assert open_source(bag, "points").count == 3
     with pytest.raises(InputError, match="/points"):
@@ -68,7 +68,7 @@ def test_every_scene_has_points(scene):
     assert sum(map(len, open_source(f"sim:{scene}", **SIMULATED))) > 1000
 
 
-def test_what_cannot_be_opened_is_refused_with_what_can(tmp_path):
+def test_unreadable_source_is_refused_with_a_list_of_formats(tmp_path):
     (tmp_path / "cloud.e57").touch()
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder.ply").mkdir()
@@ -83,6 +83,6 @@ def test_what_cannot_be_opened_is_refused_with_what_can(tmp_path):
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_a_scene_refuses_wrong_settings():
+def test_scene_refuses_invalid_settings():
     with pytest.raises(ConfigError, match="duration"):
         open_source("sim:woodland", duration=-1.0)

@@ -44,7 +44,7 @@ def copied(samples, kind, folder):
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_files_of_every_kind_are_read_whole_and_spoiled_give_one_line(samples, tmp_path, kind):
+def test_damaged_files_of_every_format_give_one_line(samples, tmp_path, kind):
     def tried(folder):
         return Outcome(kind, "", **answer(task_for(kind, folder, samples)))
 
@@ -75,7 +75,7 @@ def test_every_damage_changes_something(samples, tmp_path):
 # --- the process that reads them, and the verdict -----------------------------------------------
 
 
-def test_a_process_that_dies_or_hangs_is_a_fault_and_replaced():
+def test_dead_or_hanging_process_is_a_fault_and_replaced():
     with Worker(crashing_worker, timeout_s=1.0) as worker:
         assert worker.run({"kind": "dies"}, "las", "cut").fault == "the process ended with 7"
         assert "no answer within 1 s" in worker.run({"kind": "hangs"}, "las", "cut").fault
@@ -92,14 +92,14 @@ def test_a_process_that_dies_or_hangs_is_a_fault_and_replaced():
         (lambda task: np.ones(10_000_000).sum() and 0, "it took"),
     ],
 )
-def test_what_must_not_be_is_a_fault(tmp_path, wrong, fault):
+def test_wrong_outcome_is_a_fault(tmp_path, wrong, fault):
     task = {"kind": "las", "path": str(tmp_path / "cloud.las"), "cloud": ""}
     result = answer(task, lambda task, out: wrong(task), max_memory_mb=50.0)
     assert fault in result["fault"]
 
 
 @pytest.mark.parametrize(("user", "how"), [(0, SKIPPED), (1000, "locked")])
-def test_a_locked_file_is_no_trial_for_root(monkeypatch, user, how):
+def test_locked_file_is_skipped_for_root(monkeypatch, user, how):
     tried = []
     fake = SimpleNamespace(run=lambda task, kind, how: tried.append(how) or refused_as(how))
     monkeypatch.setattr(file_trials, "Worker", lambda: nullcontext(fake))
@@ -114,7 +114,7 @@ def refused_as(how):
     return Outcome("las", how, 2, "ellipseg: no", 0.1, 1.0, "")
 
 
-def test_results_in_part_are_a_fault(tmp_path):
+def test_partial_results_are_a_fault(tmp_path):
     def half(task, out):
         (out / ".bag.part").mkdir(parents=True)
         return 0
@@ -123,7 +123,7 @@ def test_results_in_part_are_a_fault(tmp_path):
     assert "left behind: .bag.part" in answer(task, half)["fault"]
 
 
-def test_a_single_fault_breaks_the_promise():
+def test_single_fault_breaks_the_requirement():
     whole = Outcome("las", INTACT, 0, "", 0.1, 1.0, "")
     refused = Outcome("las", "cut", 2, "ellipseg: no", 0.1, 1.0, "")
     assert all(row.met for row in file_requirements([whole, refused]))
@@ -141,7 +141,7 @@ def test_a_single_fault_breaks_the_promise():
     assert not file_requirements([whole, slow])[1].met
 
 
-# --- headers that claim too much ----------------------------------------------------------------
+# --- headers with wrong claims ------------------------------------------------------------------
 
 
 def refused(path):
@@ -152,7 +152,7 @@ def refused(path):
 
 
 @pytest.mark.parametrize("kind", ["pcd ascii", "pcd binary", "pcd compressed"])
-def test_a_pcd_of_billions_of_points_is_refused_by_its_size(samples, tmp_path, kind):
+def test_pcd_that_claims_billions_of_points_is_refused(samples, tmp_path, kind):
     path = copied(samples, kind, tmp_path / "spoiled")
     data = path.read_bytes()
     path.write_bytes(data.replace(b"POINTS %d" % POINTS, b"POINTS 4000000000"))
@@ -162,7 +162,7 @@ def test_a_pcd_of_billions_of_points_is_refused_by_its_size(samples, tmp_path, k
 
 
 @pytest.mark.parametrize("kind", ["ply ascii", "ply binary"])
-def test_a_ply_of_billions_of_points_is_refused_by_its_size(samples, tmp_path, kind):
+def test_ply_that_claims_billions_of_points_is_refused(samples, tmp_path, kind):
     path = copied(samples, kind, tmp_path / "spoiled")
     data = path.read_bytes()
     path.write_bytes(data.replace(b"vertex %d" % POINTS, b"vertex 4000000000"))
@@ -180,7 +180,7 @@ def test_a_ply_of_billions_of_points_is_refused_by_its_size(samples, tmp_path, k
         ("laz", 100, "<I", 2**32 - 1, "records"),
     ],
 )
-def test_a_las_that_claims_too_much_is_refused_by_its_size(
+def test_las_that_claims_more_than_its_size_is_refused(
     samples, tmp_path, kind, place, code, claim, what
 ):
     path = copied(samples, kind, tmp_path / "spoiled")
@@ -190,7 +190,7 @@ def test_a_las_that_claims_too_much_is_refused_by_its_size(
     assert f"claims {claim} {what}" in refused(path)
 
 
-def test_a_laz_with_billions_of_chunks_is_refused_by_its_size(samples, tmp_path):
+def test_laz_that_claims_billions_of_chunks_is_refused(samples, tmp_path):
     path = copied(samples, "laz", tmp_path / "spoiled")
     data = bytearray(path.read_bytes())
     (start,) = struct.unpack_from("<I", data, 96)
@@ -200,7 +200,7 @@ def test_a_laz_with_billions_of_chunks_is_refused_by_its_size(samples, tmp_path)
     assert "claims 4294967295 chunks" in refused(path)
 
 
-def test_a_laz_that_claims_more_points_than_it_has_costs_a_chunk_of_them(samples, tmp_path):
+def test_laz_that_claims_more_points_than_it_has_is_refused_after_one_chunk(samples, tmp_path):
     path = copied(samples, "laz", tmp_path / "spoiled")
     data = bytearray(path.read_bytes())
     struct.pack_into("<Q", data, 247, 2**40)
@@ -209,7 +209,7 @@ def test_a_laz_that_claims_more_points_than_it_has_costs_a_chunk_of_them(samples
     assert (outcome["code"], outcome["fault"]) == (2, "")
 
 
-def test_an_array_of_another_size_than_it_says_is_refused(tmp_path):
+def test_array_with_a_wrong_size_is_refused(tmp_path):
     path = tmp_path / "cloud.npz"
     np.savez(path, xyz=np.zeros((300, 3)))
     path.write_bytes(path.read_bytes().replace(b"(300, 3)", b"(9e9, 3)"))
@@ -220,13 +220,13 @@ def test_an_array_of_another_size_than_it_says_is_refused(tmp_path):
     assert "another size than it says" in refused(path)
 
 
-def test_arrays_that_unpack_to_too_much_are_refused(tmp_path, monkeypatch):
+def test_arrays_that_unpack_to_too_many_bytes_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(npz, "MAX_UNPACKED_BYTES", 1000)
     np.savez_compressed(tmp_path / "cloud.npz", xyz=np.zeros((300, 3)))
     assert "unpacks to" in refused(tmp_path / "cloud.npz")
 
 
-def test_times_that_are_no_stamps_are_refused(tmp_path):
+def test_invalid_times_are_refused(tmp_path):
     np.savez(tmp_path / "cloud.npz", xyz=np.zeros((3, 3)), t=np.array([0.0, 1e300, 1.0]))
     with pytest.raises(InputError, match="t holds"):
         open_source(tmp_path / "cloud.npz")
@@ -235,7 +235,7 @@ def test_times_that_are_no_stamps_are_refused(tmp_path):
 # --- names of fields ----------------------------------------------------------------------------
 
 
-def test_fields_may_have_any_name_that_a_message_gives_them(tmp_path):
+def test_fields_may_have_any_name_of_a_message_field(tmp_path):
     names = ["file", "allow_pickle", "args", "a", "a_0", "a b", "a_b"]
     kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), *((n, "f4") for n in names if n != "a")]
     path = tmp_path / "cloud.npz"
@@ -255,6 +255,6 @@ def test_fields_may_have_any_name_that_a_message_gives_them(tmp_path):
     assert len(values) == 7  # allow_pickle, args, a b and a_b, a_0, and two of a
 
 
-def test_a_missing_file_of_parameters_is_one_line(tmp_path, capsys):
+def test_unreadable_parameter_file_is_one_line(tmp_path, capsys):
     assert main(["segment", "sim:woodland", "--params", str(tmp_path), "-q"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
