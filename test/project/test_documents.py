@@ -75,6 +75,17 @@ def test_readme_is_short() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= MAX_README_LINES
 
 
+def test_results_of_the_readme_are_on_the_linked_pages() -> None:
+    section = README.read_text(encoding="utf-8").partition("## Results\n")[2].partition("\n## ")[0]
+    rows = [line.split(" | ") for line in section.splitlines() if "](docs/results/" in line]
+    assert len(rows) >= 5
+    for _, result, link, *_ in rows:
+        page = ROOT / link.partition("](")[2].partition(")")[0]
+        on_page = set(page.read_text(encoding="utf-8").replace("|", " ").split())
+        numbers = {word.rstrip(",") for word in result.split() if word[0].isdigit()}
+        assert numbers - {"10-NN"} <= on_page, f"{result}: see {page.name}"
+
+
 def test_generated_reference_pages_are_up_to_date(reference: ModuleType) -> None:
     for name in reference.PAGES:
         text = (DOCS / "reference" / name).read_text(encoding="utf-8")
