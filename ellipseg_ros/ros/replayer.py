@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from threading import Thread
 
-import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from rclpy.duration import Duration
@@ -19,8 +18,9 @@ from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.io.topics import CLOCK, PAUSE, POINTS, REPLAYER, SEGMENTS
 from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.records import SECOND, Sweep
+from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.parameters import Parameters
-from ellipseg_ros.ros.process import End, Spinner, run
+from ellipseg_ros.ros.process import End, run
 from ellipseg_ros.ros.subscriptions import header_stamp_ns
 from ellipseg_ros.ros.topics import create_publisher, create_service, create_subscription
 from ellipseg_ros.settings import Checked, setting
@@ -84,7 +84,7 @@ class ReplayerNode:
         return response
 
 
-class Replayer:
+class Replayer(AuxiliaryNode):
     """Plays a source on ROS topics from any program; a context manager.
 
         with Replayer(open_source("drive.mcap"), ReplayOptions(ahead=3.0)) as replayer:
@@ -102,35 +102,32 @@ class Replayer:
         domain: int | None = None,
     ) -> None:
         self._source = source
-        self._context = Context()
-        rclpy.init(args=args or [], context=self._context, domain_id=domain)
-        self._failed: list[BaseException] = []
-        self._node = ReplayerNode(options or ReplayOptions(), self._context)
-        self._spinner = Spinner(self._node.node, self._fail)
+        self._options = options or ReplayOptions()
+        super().__init__(REPLAYER, args or [], domain)
 
-    def __enter__(self) -> "Replayer":
-        return self
+    def _create_node(self, name: str, context: Context) -> Node:
+        self._replayer = ReplayerNode(self._options, context)
+        return self._replayer.node
 
-    def __exit__(self, *_: object) -> None:
-        self._node.close()
-        self._spinner.stop()
-        self._node.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+    def close(self) -> None:
+        """Stop the playback, and destroy the node."""
+        self._replayer.close()
+        super().close()
 
     def run(self, progress: Callable[[Sweep], None] = lambda _: None) -> ReplaySummary:
         """Play in the calling thread until the end, or `stop`; `progress` gets each cloud."""
-        summary = self._node.playback.play(self._source, progress)
-        if self._failed:
-            raise self._failed[0]
+        summary = self._replayer.playback.play(self._source, progress)
+        if self.failed:
+            raise self.failed[0]
         return summary
 
     def stop(self) -> None:
         """End `run` soon; for any thread, and for signal handlers."""
-        self._node.playback.stop()
+        self._replayer.playback.stop()
 
-    def _fail(self, error: BaseException | None) -> None:
-        if error is not None:
-            self._failed.append(error)
+    def fail(self, error: BaseException) -> None:
+        """End `run` with an error of a callback."""
+        super().fail(error)
         self.stop()
 
 
