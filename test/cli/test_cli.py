@@ -188,6 +188,7 @@ ERRORS = {
     "not a number": (["segment", "yard", "--threshold", "much"], "must be a number"),
     "not a truth": (["segment", "yard", "--set", "objects.enabled=no"], "must be true or false"),
     "not whole": (["segment", "yard", "--set", "input_depth=1.5"], "must be a whole number"),
+    "unknown criterion": (["segment", "yard", "--criterion", "y"], "one of shape, density"),
     "unknown setting": (["segment", "yard", "--set", "neighbors=5"], "graph.neighbours"),
     "no value": (["segment", "yard", "--set", "threshold"], "--set name=value"),
     "no parameter file": (["segment", "yard", "--params", "no.yaml"], "no.yaml: No such file"),
@@ -224,7 +225,7 @@ def test_source_is_never_overwritten(run, segmented):
     assert sorted(path.name for path in segmented.iterdir()) == before
 
 
-@pytest.mark.parametrize("words", [["fly"], [], ["segment"], ["segment", "x", "--criterion", "y"]])
+@pytest.mark.parametrize("words", [["fly"], [], ["segment"], ["segment", "x", "--jobs", "2"]])
 def test_wrong_usage_is_code_2(words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words)
