@@ -45,11 +45,9 @@ def set_cost(heap, number, cost, tie):
 
 @kernel
 def remove(heap, number):
-    """Remove an item from the heap, if it is there."""
+    """Remove an item that is in the heap."""
     item, place, size = heap.item, heap.place, heap.size
     slot = place[number]
-    if slot == NOWHERE:
-        return
     place[number] = NOWHERE
     size[0] -= 1
     last = item[size[0]]
