@@ -23,7 +23,7 @@ def numbered(labels):
 
 def test_ids_parents_and_removed_follow_the_rules_on_random_histories():
     rng = np.random.default_rng(0)
-    tracker, before, next_id, told = Tracker(), [], 1, 0
+    tracker, before, next_id, given = Tracker(), [], 1, 0
     arrival, labels = np.arange(30), rng.integers(-1, 5, 30)
     for _ in range(60):
         labels = numbered(labels)
@@ -34,7 +34,7 @@ def test_ids_parents_and_removed_follow_the_rules_on_random_histories():
             for points in now
         ]
         tracks = tracker.assign(arrival, labels, facts(labels), np.array(known, np.int32))
-        told += sum(row >= 0 for row in known)
+        given += sum(row >= 0 for row in known)
         ids = naive.inherit(before, now, next_id)
         assert list(tracks.ids) == ids
         old_ids = {id_ for id_, _ in before}
@@ -56,7 +56,7 @@ def test_ids_parents_and_removed_follow_the_rules_on_random_histories():
         labels = np.concatenate([labels[stay], rng.integers(-1, 6, new)])
         move = rng.random(len(labels)) < rng.choice([0.0, 0.1])
         labels[move] = rng.integers(-1, 6, move.sum())
-    assert told > 20
+    assert given > 20
 
 
 def test_reset_ends_all_ids_and_reuses_none():
