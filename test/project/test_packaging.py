@@ -141,7 +141,7 @@ def test_every_config_launch_and_message_file_is_installed(description):
         path.relative_to(ROOT).as_posix()
         for folder in ("config", "launch")
         for path in (ROOT / folder).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file() and not {"__pycache__", "_tools"} & set(path.parts)
     }
     assert files <= installed
     words = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8").split()
