@@ -3,12 +3,12 @@
 from ellipseg_ros.core.criteria import merge_distance
 from ellipseg_ros.core.dendrogram import NONE, release
 from ellipseg_ros.core.edge_sorting import comes_before
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.wakeup_heap import due, pop, push
 
 
 @kernel
-def kruskal(dendrogram, edges, rule, heap, min_active):  # noqa: PLR0915  # split: 1.5 times as long
+def kruskal(dendrogram, edges, rule, heap, min_active):  # split: 1.5 times as long
     """Test the edges with at least `min_active` active ends; merge where D(a, b) <= threshold.
 
     heap: the cached subtrees by the edge at which they become active.
@@ -17,7 +17,6 @@ def kruskal(dendrogram, edges, rule, heap, min_active):  # noqa: PLR0915  # spli
     moments, value, distance = dendrogram.moments, dendrogram.value, dendrogram.distance
     active, free, ancestor = dendrogram.active, dendrogram.free, dendrogram.ancestor
     made_weight, made_i, made_j = dendrogram.made_weight, dendrogram.made_i, dendrogram.made_j
-    a = b = 0
     e, stop = 0, _next_wakeup(edges, 0, heap)
     while e < len(weight):
         if e == stop:
@@ -29,30 +28,8 @@ def kruskal(dendrogram, edges, rule, heap, min_active):  # noqa: PLR0915  # spli
         if int(active[i]) + int(active[j]) < min_active:
             continue
         w = weight[e - 1]
-        # Each end's highest ancestor made before this edge. Halving the path to it is allowed,
-        # as the edges ascend.
-        for side in range(2):
-            node = i if side == 0 else j
-            while True:
-                up = ancestor[node]
-                if up == node or not (
-                    made_weight[up] < w
-                    or comes_before(made_weight[up], made_i[up], made_j[up], w, i, j)
-                ):
-                    break
-                higher = ancestor[up]
-                if higher == up or not (
-                    made_weight[higher] < w
-                    or comes_before(made_weight[higher], made_i[higher], made_j[higher], w, i, j)
-                ):
-                    node = up
-                    break
-                ancestor[node] = higher
-                node = higher
-            if side == 0:
-                a = node
-            else:
-                b = node
+        a = _state_before(ancestor, made_weight, made_i, made_j, i, w, i, j)
+        b = _state_before(ancestor, made_weight, made_i, made_j, j, w, i, j)
         if a == b:
             continue
         union = free[free[-1] - 1]
@@ -68,6 +45,25 @@ def kruskal(dendrogram, edges, rule, heap, min_active):  # noqa: PLR0915  # spli
             stop = _next_wakeup(edges, e, heap)
         _link(a, b, union, dendrogram)
         made_weight[union], made_i[union], made_j[union] = w, i, j
+
+
+@inlined
+def _state_before(ancestor, made_weight, made_i, made_j, node, w, i, j):
+    """The highest ancestor of a vertex that was made before the edge (w, i, j).
+
+    Halving the path to it is allowed, as the edges ascend.
+    """
+    while True:
+        up = ancestor[node]
+        if up == node or not comes_before(made_weight[up], made_i[up], made_j[up], w, i, j):
+            return node
+        higher = ancestor[up]
+        if higher == up or not comes_before(
+            made_weight[higher], made_i[higher], made_j[higher], w, i, j
+        ):
+            return up
+        ancestor[node] = higher
+        node = higher
 
 
 @kernel

@@ -158,18 +158,14 @@ def _release_changed(dendrogram, dirty, removed, refused, heap):
     changed = np.zeros(capacity, np.bool_)
     count = 0
     unions = np.empty(capacity, np.int32)
-    for v in range(capacity):
-        active[v] = dirty[v]
-        if dirty[v] or removed[v]:
-            up = parent[v]
-            parent[v] = NONE
-            while up != NONE and not changed[up - capacity]:
-                changed[up - capacity] = True
-                unions[count] = up
-                count += 1
-                up = parent[up]
-    for union in refused:
-        up = union
+    for start in range(capacity + len(refused)):
+        if start < capacity:
+            active[start] = dirty[start]
+            if not (dirty[start] or removed[start]):
+                continue
+            up, parent[start] = parent[start], NONE
+        else:
+            up = refused[start - capacity]
         while up != NONE and not changed[up - capacity]:
             changed[up - capacity] = True
             unions[count] = up

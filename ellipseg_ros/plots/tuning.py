@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
+from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.plots.style import legend, save, sheet, style, title
 from ellipseg_ros.plots.window import BACKGROUND, INK
 from ellipseg_ros.records import Array
@@ -14,7 +15,6 @@ from ellipseg_ros.tuning.curve import Curve
 
 # Okabe & Ito (2008): distinguishable with any colour vision.
 BLUE, ORANGE, GREEN, PURPLE, YELLOW = "#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442"
-UNITS = {"shape": "", "density": " [m]", "parsimony": ""}
 MAX_SHOWN_LOSS = 0.5  # upper end of the axis; singletons have 1
 
 
@@ -52,7 +52,12 @@ def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
             mark(axes, choice.threshold, float(total[row]) / points, f"τ = {choice.threshold:.3g}")
     axes.set_xscale("log")
     over = "one window" if len(curves) == 1 else f"{len(curves)} windows together"
-    title(axes, f"AICc, criterion {choice.criterion}, {over}", _tau(choice), "AICc per point")
+    title(
+        axes,
+        f"AICc, criterion {choice.criterion}, {over}",
+        threshold_label(choice.criterion),
+        "AICc per point",
+    )
     legend(axes)
 
 
@@ -94,12 +99,14 @@ def loss_over_threshold(axes: Axes, curves: Sequence[Curve], choice: Choice) -> 
     axes.set_xlim(near[0] / 1.5, near[-1] * 1.5)
     axes.set_ylim(-0.02, MAX_SHOWN_LOSS)
     text = "Loss: (AICc − minimum) / (AICc of singletons − minimum)"
-    title(axes, text, _tau(choice), "loss")
+    title(axes, text, threshold_label(choice.criterion), "loss")
     legend(axes, loc="upper right")
 
 
-def _tau(choice: Choice) -> str:
-    return f"threshold τ of {choice.criterion}{UNITS[choice.criterion]}"
+def threshold_label(criterion: str) -> str:
+    """Label of an axis with thresholds."""
+    unit = CRITERIA[criterion].unit
+    return f"threshold τ of {criterion}" + (f" [{unit}]" if unit else "")
 
 
 def _opacity(curves: Sequence[Curve]) -> float:

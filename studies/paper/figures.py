@@ -14,7 +14,7 @@ from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.colours import shape_colours
 from ellipseg_ros.plots.style import save, title
-from ellipseg_ros.plots.tuning import BLUE, GREEN, ORANGE, UNITS, mark
+from ellipseg_ros.plots.tuning import BLUE, GREEN, ORANGE, mark, threshold_label
 from ellipseg_ros.plots.window import (
     BACKGROUND,
     INK,
@@ -105,7 +105,7 @@ def aicc_over_threshold(scenes: Sequence[Scene]) -> Figure:
             look = Line((), (), scene.name, colour, dash, width=1.7)
             lines += _with_minimum(curve.threshold, curve, look)
         text = f"{name}: the minima of all scenes"
-        panels.append(LinePanel(text, _threshold(name), AICC, lines, log_x=True))
+        panels.append(LinePanel(text, threshold_label(name), AICC, lines, log_x=True))
     figure = chart(panels, len(CRITERIA), (6.0, 6.4))
     common_legend(figure, 9)
     return figure
@@ -151,7 +151,7 @@ def _terms(axes: Axes, curve: Curve, scene: str) -> None:
         (curve.bias, ORANGE, "bias term"),
     )
     lines = [Line(curve.threshold, values / points, text, c) for values, c, text in terms]
-    name, across = f"{curve.criterion}, {scene}", _threshold(curve.criterion)
+    name, across = f"{curve.criterion}, {scene}", threshold_label(curve.criterion)
     LinePanel(name, across, AICC, lines, log_x=True, place="best")(axes)
     text = f"τ = {curve.threshold[best]:.3g}, {curve.count[best]:,} ellipsoids"
     mark(axes, float(curve.threshold[best]), float(curve.aicc[best]) / points, text)
@@ -168,7 +168,3 @@ def _small(path: Path) -> Image.Image:
     with Image.open(path) as image:
         height = round(image.height * CELL_PX / image.width)
         return image.convert("RGB").resize((CELL_PX, height), Image.Resampling.LANCZOS)
-
-
-def _threshold(criterion: str) -> str:
-    return f"threshold τ{UNITS[criterion]}"
