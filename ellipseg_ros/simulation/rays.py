@@ -66,9 +66,8 @@ def elevation(terrain, x, y):
     """Height of the ground at x, y; all in m."""
     z = 0.0
     for k in range(len(terrain.height)):
-        z += terrain.height[k] * np.sin(
-            terrain.wave[k, 0] * x + terrain.wave[k, 1] * y + terrain.phase[k]
-        )
+        phase = terrain.wave[k, 0] * x + terrain.wave[k, 1] * y + terrain.phase[k]
+        z += terrain.height[k] * np.sin(phase)
     return z
 
 
@@ -95,12 +94,8 @@ def _select_bodies(o, f, s, shapes, near):
     nx, ny, nz = f[1] * s[2] - f[2] * s[1], f[2] * s[0] - f[0] * s[2], f[0] * s[1] - f[1] * s[0]
     count = 0
     for i in range(len(shapes.form)):
-        x, y, z = (
-            shapes.centre[i, 0] - o[0],
-            shapes.centre[i, 1] - o[1],
-            shapes.centre[i, 2] - o[2],
-        )
-        radius = shapes.radius[i]
+        c, radius = shapes.centre[i], shapes.radius[i]
+        x, y, z = c[0] - o[0], c[1] - o[1], c[2] - o[2]
         if abs(nx * x + ny * y + nz * z) <= radius and f[0] * x + f[1] * y + f[2] * z >= -radius:
             near[count] = i
             count += 1
@@ -201,11 +196,8 @@ def _intersect_ellipsoid(p, v, size):
         return FAR, -FAR, 0.0
     root = np.sqrt(under)
     enter = (-b - root) / a
-    nx, ny, nz = (
-        (px + enter * vx) / size[0],
-        (py + enter * vy) / size[1],
-        (pz + enter * vz) / size[2],
-    )
+    x, y, z = px + enter * vx, py + enter * vy, pz + enter * vz
+    nx, ny, nz = x / size[0], y / size[1], z / size[2]
     norm = np.sqrt(nx * nx + ny * ny + nz * nz)
     return enter, (root - b) / a, abs(nx * v[0] + ny * v[1] + nz * v[2]) / norm
 
@@ -251,10 +243,7 @@ def _ground_distance(o, d, terrain, limit):
 
 @kernel
 def _ground_cosine(at, d, terrain):
-    east = (
-        elevation(terrain, at[0] + 0.05, at[1]) - elevation(terrain, at[0] - 0.05, at[1])
-    ) / 0.1
-    north = (
-        elevation(terrain, at[0], at[1] + 0.05) - elevation(terrain, at[0], at[1] - 0.05)
-    ) / 0.1
+    x, y = at[0], at[1]
+    east = (elevation(terrain, x + 0.05, y) - elevation(terrain, x - 0.05, y)) / 0.1
+    north = (elevation(terrain, x, y + 0.05) - elevation(terrain, x, y - 0.05)) / 0.1
     return abs(d[2] - east * d[0] - north * d[1]) / np.sqrt(1.0 + east * east + north * north)

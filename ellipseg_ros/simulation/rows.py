@@ -6,13 +6,14 @@ shorter one with the same seed.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from ellipseg_ros.records import Array
 from ellipseg_ros.simulation import buildings, items, plants
 from ellipseg_ros.simulation.scanner import Path
-from ellipseg_ros.simulation.shapes import Class, Material, Model
+from ellipseg_ros.simulation.shapes import WORLD, Class, Item, Material, Model
 
 PAVING = Material(Class.GROUND, 0.35)
 INWARD = np.pi  # yaw of an item on the right side whose y axis points away from the lane
@@ -32,6 +33,10 @@ class Site:
         """A random generator for one row of items."""
         return np.random.default_rng((self.seed, 1, next(self.rows)))
 
+    def item(self, s: float, d: float, yaw: float = 0.0) -> Item:
+        """Begin an item at (s, d), see Path.at."""
+        return self.model.item(self.path.at(s, d, yaw))
+
     def each(self, spacing: float) -> Array:
         """(n,) m: positions along the lane."""
         return np.arange(self.path.start + 3.0, self.end - 3.0, spacing)
@@ -42,7 +47,8 @@ def kerb(site: Site, inner: float, outer: float, height: float = 0.13) -> None:
     d, wide = 0.5 * (inner + outer), abs(outer - inner)
     for s in site.each(2.0):
         edges = (2.1, wide, height + 0.4)
-        site.model.box(site.path.at(s, d), PAVING, (0.0, 0.0, 0.5 * height - 0.2), edges)
+        slab = site.model.ground(site.path.at(s, d))
+        slab.box(PAVING, (0.0, 0.0, 0.5 * height - 0.2), edges)
 
 
 def houses(site: Site, side: float, front: float) -> None:
@@ -52,11 +58,11 @@ def houses(site: Site, side: float, front: float) -> None:
     while s < site.end - 18.0:
         wide, deep = rng.uniform(8.5, 15.0), rng.uniform(8.0, 10.0)
         d = side * (front + rng.uniform(0.0, 1.2))
-        at = site.path.at(s + 0.5 * wide, d, 0.0 if side > 0.0 else INWARD)
+        item = site.item(s + 0.5 * wide, d, 0.0 if side > 0.0 else INWARD)
         if rng.random() < 0.6:
-            buildings.house(site.model, at, (wide, deep), int(rng.integers(2, 4)))
+            buildings.house(item, (wide, deep), int(rng.integers(2, 4)))
         else:
-            buildings.block(site.model, at, (wide, deep), int(rng.integers(3, 5)))
+            buildings.block(item, (wide, deep), int(rng.integers(3, 5)))
         s += wide + rng.uniform(1.5, 7.0)
 
 
@@ -66,14 +72,14 @@ def gardens(site: Site, side: float, d: float) -> None:
     s = site.path.start + 2.0
     while s < site.end - 12.0:
         length = rng.uniform(4.0, 9.0)
-        at, middle = site.path.at(s, side * d), site.path.at(s + 0.5 * length, side * d)
         pick = rng.random()
         if pick < 0.35:
-            items.low_wall(site.model, at, length)
+            items.low_wall(site.item(s, side * d), length)
         elif pick < 0.6:
-            plants.hedge(site.model, middle, length, rng.uniform(0.9, 1.6))
+            middle = site.item(s + 0.5 * length, side * d)
+            plants.hedge(middle, length, rng.uniform(0.9, 1.6))
         elif pick < 0.85:
-            items.plank_fence(site.model, at, length)
+            items.plank_fence(site.item(s, side * d), length)
         s += length + rng.uniform(1.0, 2.5)
 
 
@@ -81,32 +87,27 @@ def parked(site: Site, d: float, chance: float, slot: float = 6.2) -> None:
     """Cars at the kerb."""
     rng = site.rng()
     for s in site.each(slot):
-        taken, lorry, shift, off = (
-            rng.random(),
-            rng.random(),
-            rng.normal(0, 0.25),
-            rng.normal(0, 0.08),
-        )
-        seed = int(rng.integers(1 << 30))
-        if taken > chance:
-            continue
-        yaw = (0.0 if d < 0.0 else INWARD) + 0.2 * off
-        make = items.lorry if lorry < 0.06 else items.car
-        make(site.model, site.path.at(s + shift, d + off, yaw), np.random.default_rng(seed))
+        taken, lorry = rng.random(2)
+        shift, off = rng.normal(0.0, 0.25), rng.normal(0.0, 0.08)
+        own = np.random.default_rng(int(rng.integers(1 << 30)))
+        if taken <= chance:
+            make = items.lorry if lorry < 0.06 else items.car
+            yaw = (0.0 if d < 0.0 else INWARD) + 0.2 * off
+            make(site.item(s + shift, d + off, yaw), own)
 
 
 def lamps(site: Site, d: float, spacing: float) -> None:
     """Lamps whose arms reach over the lane."""
     for s in site.each(spacing):
-        items.lamp(site.model, site.path.at(s, d, 0.0 if d < 0.0 else INWARD))
+        items.lamp(site.item(s, d, 0.0 if d < 0.0 else INWARD))
 
 
 def avenue(site: Site, d: float, spacing: float, height: tuple[float, float]) -> None:
     """A row of broadleaved trees."""
     rng = site.rng()
     for s in site.each(spacing):
-        at = site.path.at(s + rng.normal(0.0, 0.6), d + rng.normal(0.0, 0.15))
-        plants.broadleaf(site.model, at, rng, rng.uniform(*height))
+        item = site.item(s + rng.normal(0.0, 0.6), d + rng.normal(0.0, 0.15))
+        plants.broadleaf(item, rng, rng.uniform(*height))
 
 
 def people(site: Site, inner: float, outer: float, spacing: float) -> None:
@@ -114,22 +115,22 @@ def people(site: Site, inner: float, outer: float, spacing: float) -> None:
     rng = site.rng()
     for s in site.each(spacing):
         shift, share, yaw = rng.uniform(0.0, spacing), rng.random(), rng.uniform(0.0, 2.0 * np.pi)
-        at = site.path.at(s + shift, inner + share * (outer - inner), yaw)
-        items.person(site.model, at, rng)
+        item = site.item(s + shift, inner + share * (outer - inner), yaw)
+        items.person(item, rng)
 
 
 def street_furniture(site: Site, d: float) -> None:
     """Signs, bins and benches along a pavement."""
     rng = site.rng()
     for s in site.each(11.0):
-        at = site.path.at(s + rng.uniform(0.0, 6.0), d, 0.0 if d > 0.0 else INWARD)
+        item = site.item(s + rng.uniform(0.0, 6.0), d, 0.0 if d > 0.0 else INWARD)
         pick = rng.random()
         if pick < 0.4:
-            items.sign(site.model, at, rng)
+            items.sign(item, rng)
         elif pick < 0.75:
-            items.bin_(site.model, at)
+            items.bin_(item)
         else:
-            items.bench(site.model, at)
+            items.bench(item)
 
 
 def forest(site: Site, inner: float, outer: float, spacing: float) -> None:
@@ -145,24 +146,22 @@ def forest(site: Site, inner: float, outer: float, spacing: float) -> None:
             placed = np.vstack([placed, at])
             make = plants.conifer if pine < 0.45 else plants.broadleaf
             own = np.random.default_rng(seed)
-            frame = site.path.at(at[0], at[1], own.uniform(0.0, 2.0 * np.pi))
-            make(site.model, frame, own, height)
+            make(site.item(at[0], at[1], own.uniform(0.0, 2.0 * np.pi)), own, height)
 
 
 def undergrowth(site: Site, inner: float, outer: float, spacing: float) -> None:
     """Bushes, some rocks and fallen stems."""
     rng = site.rng()
     for s in site.each(spacing):
-        at = site.path.at(
-            s + rng.uniform(0.0, spacing), rng.uniform(inner, outer), rng.uniform(0, 6)
-        )
+        shift, d, yaw = rng.uniform(0.0, spacing), rng.uniform(inner, outer), rng.uniform(0, 6)
+        item = site.item(s + shift, d, yaw)
         pick = rng.random()
         if pick < 0.75:
-            plants.bush(site.model, at, rng, rng.uniform(0.4, 1.5))
+            plants.bush(item, rng, rng.uniform(0.4, 1.5))
         elif pick < 0.88:
-            plants.boulder(site.model, at, rng)
+            plants.boulder(item, rng)
         else:
-            plants.log(site.model, at, rng)
+            plants.log(item, rng)
 
 
 def sheds(site: Site, side: float, front: float) -> None:
@@ -172,8 +171,8 @@ def sheds(site: Site, side: float, front: float) -> None:
     while s < site.end - 30.0:
         wide, deep, high = rng.uniform(18.0, 32.0), rng.uniform(12.0, 18.0), rng.uniform(5.5, 8.5)
         d = side * (front + rng.uniform(0.0, 4.0))
-        at = site.path.at(s + 0.5 * wide, d, 0.0 if side > 0.0 else INWARD)
-        buildings.shed(site.model, at, (wide, deep, high), rng)
+        item = site.item(s + 0.5 * wide, d, 0.0 if side > 0.0 else INWARD)
+        buildings.shed(item, (wide, deep, high), rng)
         s += wide + rng.uniform(9.0, 16.0)
 
 
@@ -185,20 +184,21 @@ def yard(site: Site, side: float, d: float) -> None:
         at = site.path.at(s, side * (d + rng.uniform(-0.4, 0.8)), rng.normal(0.0, 0.04))
         pick, gap = rng.random(), rng.uniform(2.0, 4.0)
         if pick < 0.3:
-            items.container(site.model, at, int(rng.integers(1, 4)))
+            for storey in range(int(rng.integers(1, 4))):
+                items.container(site.model.item(at), storey)
             s += 7.0
         elif pick < 0.5:
             for k in range(int(rng.integers(2, 5))):
-                items.pallets(site.model, at.moved((1.7 * k - 2.0, 0.0, 0.0)), rng)
+                items.pallets(site.model.item(at.moved((1.7 * k - 2.0, 0.0, 0.0))), rng)
             s += 7.0
         elif pick < 0.7:
-            items.lorry(site.model, at, rng)
+            items.lorry(site.model.item(at), rng)
             s += 10.0
         elif pick < 0.85:
-            items.tank(site.model, at, rng.uniform(1.2, 1.9), rng.uniform(4.0, 7.0))
+            items.tank(site.model.item(at), rng.uniform(1.2, 1.9), rng.uniform(4.0, 7.0))
             s += 5.0
         else:
-            items.car(site.model, at, rng)
+            items.car(site.model.item(at), rng)
             s += 5.5
         s += gap
 
@@ -207,30 +207,35 @@ def mesh(site: Site, d: float) -> None:
     """A wire fence with gates."""
     for s in site.each(3.0):
         if s % 30.0 > 6.0:
-            items.mesh_fence(site.model, site.path.at(s, d), 3.0)
+            items.mesh_fence(site.item(s, d), 3.0)
 
 
 def racks(site: Site, d: float) -> None:
     """Pipes on gantries, every 40 m."""
     for s in site.each(40.0):
-        items.pipe_rack(site.model, site.path.at(s, d), 15.0)
+        items.pipe_rack(site.item(s, d), 15.0)
 
 
 def bollards(site: Site, d: float) -> None:
     """Groups of bollards."""
     for s in site.each(3.0):
         if s % 24.0 < 9.0:
-            items.bollard(site.model, site.path.at(s, d))
+            items.bollard(site.item(s, d))
 
 
 def plank_fences(site: Site, d: float) -> None:
     """A plank fence with gaps."""
     for s in site.each(3.0):
         if s % 36.0 < 21.0:
-            items.plank_fence(site.model, site.path.at(s, d), 3.0)
+            items.plank_fence(site.item(s, d), 3.0)
 
 
 def wires(site: Site, d: float) -> None:
     """A power line."""
-    places = [site.path.at(s, d) for s in site.each(28.0)]
-    items.masts_and_wires(site.model, places)
+    frames = [site.path.at(s, d) for s in site.each(28.0)]
+    for frame in frames:
+        items.mast(site.model.item(frame))
+    for start, end in pairwise(frames):
+        for y in (-1.0, 0.0, 1.0):
+            ends = (start.point((0.0, y, 8.3)), end.point((0.0, y, 8.3)))
+            items.wire(site.model.item(WORLD), *ends)

@@ -118,12 +118,9 @@ class Drift:
         """Points (n, 3) as registered at `times` (n,), seen from `origins` (n, 3)."""
         yaw = np.interp(times, self.knots, self.yaw)
         beam = points - origins
-        moved = points.copy()
-        moved[:, 0] -= yaw * beam[:, 1]
-        moved[:, 1] += yaw * beam[:, 0]
-        for k in range(3):
-            moved[:, k] += np.interp(times, self.knots, self.shift[:, k])
-        return moved
+        turned = np.column_stack([-yaw * beam[:, 1], yaw * beam[:, 0], np.zeros(len(yaw))])
+        shift = [np.interp(times, self.knots, column) for column in self.shift.T]
+        return np.asarray(points + turned + np.column_stack(shift))
 
 
 def make_drift(duration: float, size: float, rng: np.random.Generator) -> Drift:

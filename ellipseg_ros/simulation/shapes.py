@@ -1,13 +1,17 @@
 """Solid and porous bodies of a scene, and their materials."""
 
+from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ellipseg_ros.records import Array
 
+Vector: TypeAlias = Sequence[float] | Array  # 3 numbers
+
 BOX, CONE, ELLIPSOID = 0, 1, 2
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Class(IntEnum):
@@ -59,84 +63,78 @@ class Frame(NamedTuple):
     origin: Array
     axes: Array
 
-    def point(self, at: tuple[float, float, float]) -> Array:
+    def point(self, at: Vector) -> Array:
         """Position (3,) m in the world of a position in this frame."""
         return np.asarray(self.origin + self.axes @ np.array(at))
 
-    def moved(self, at: tuple[float, float, float], yaw: float = 0.0) -> "Frame":
+    def moved(self, at: Vector, yaw: float = 0.0) -> "Frame":
         """The frame at a position in this one, rotated by `yaw` rad about its z axis."""
         return Frame(self.point(at), self.axes @ yaw_rotation(yaw))
 
 
-class Model:
-    """Collects the bodies of a scene."""
+WORLD = Frame(np.zeros(3), np.eye(3))
 
-    def __init__(self) -> None:
-        self._rows: list[tuple[object, ...]] = []
-        self._items = 0
 
-    def begin(self) -> None:
-        """Start a new item, of which the following bodies are parts."""
-        self._items += 1
+class Item(NamedTuple):
+    """An item under construction, which consists of bodies."""
 
-    def box(
-        self,
-        frame: Frame,
-        material: Material,
-        centre: tuple[float, float, float],
-        edges: tuple[float, float, float],
-        pitch: float = 0.0,
-    ) -> None:
+    bodies: list[tuple[Any, ...]]  # of the whole scene; rows of Shapes
+    number: int  # Shapes.instance
+    frame: Frame  # of the positions of the bodies
+
+    def moved(self, at: Vector, yaw: float = 0.0) -> "Item":
+        """The same item in a moved frame, see Frame.moved."""
+        return self._replace(frame=self.frame.moved(at, yaw))
+
+    def box(self, material: Material, centre: Vector, edges: Vector, pitch: float = 0.0) -> None:
         """Add a box with the axes of the frame, rotated by `pitch` rad about its y axis."""
         half = 0.5 * np.array(edges)
-        axes = frame.axes @ pitch_rotation(pitch)
-        self._add(BOX, material, frame.point(centre), axes, half, float(np.linalg.norm(half)))
+        axes = self.frame.axes @ pitch_rotation(pitch)
+        self._add(BOX, material, self.frame.point(centre), axes, half, np.linalg.norm(half))
 
-    def ellipsoid(
-        self,
-        frame: Frame,
-        material: Material,
-        centre: tuple[float, float, float],
-        half_axes: tuple[float, float, float],
-    ) -> None:
+    def ellipsoid(self, material: Material, centre: Vector, half_axes: Vector) -> None:
         """Add an ellipsoid with the axes of the frame."""
-        size = np.array(half_axes)
-        self._add(ELLIPSOID, material, frame.point(centre), frame.axes, size, float(size.max()))
+        place, axes = self.frame.point(centre), self.frame.axes
+        self._add(ELLIPSOID, material, place, axes, np.array(half_axes), max(half_axes))
 
     def cone(
-        self,
-        frame: Frame,
-        material: Material,
-        ends: tuple[tuple[float, float, float], tuple[float, float, float]],
-        radii: tuple[float, float],
+        self, material: Material, ends: tuple[Vector, Vector], radii: tuple[float, float]
     ) -> None:
         """Add a truncated cone between two positions, with a radius at each."""
-        low, high = (frame.point(end) for end in ends)
-        half = 0.5 * float(np.linalg.norm(high - low))
+        low, high = (self.frame.point(end) for end in ends)
+        half = 0.5 * np.linalg.norm(high - low)
         axes = axes_along((high - low) / (2.0 * half))
-        radius = float(np.hypot(half, max(radii)))
+        radius = np.hypot(half, max(radii))
         self._add(CONE, material, 0.5 * (low + high), axes, np.array([*radii, half]), radius)
 
-    def _add(
-        self, form: int, material: Material, centre: Array, axes: Array, size: Array, radius: float
-    ) -> None:
-        item = 0 if material.kind == Class.GROUND else self._items
-        properties = (
-            radius,
-            material.density,
-            material.windows,
-            material.reflectivity,
-            material.kind,
-        )
-        self._rows.append((form, centre, axes, size, *properties, item))
+    def _add(self, form: int, material: Material, *geometry: Any) -> None:
+        """Add a body; geometry: centre, axes, size and radius of Shapes."""
+        kind, reflectivity, density, windows = material
+        surface = (density, windows, reflectivity, kind)
+        self.bodies.append((form, *geometry, *surface, self.number))
+
+
+class Model:
+    """Collects the items of a scene."""
+
+    def __init__(self) -> None:
+        self._bodies: list[tuple[Any, ...]] = []
+        self._items = 0
+
+    def item(self, frame: Frame) -> Item:
+        """Begin a new item at a frame."""
+        self._items += 1
+        return Item(self._bodies, self._items, frame)
+
+    def ground(self, frame: Frame) -> Item:
+        """The ground, for bodies at a frame that belong to it."""
+        return Item(self._bodies, 0, frame)
 
     def shapes(self) -> Shapes:
         """All bodies so far."""
         kinds = (np.int64, *[np.float64] * 5, np.bool_, np.float64, np.uint8, np.uint32)
-        columns = zip(*self._rows, strict=True)
-        return Shapes(
-            *(np.array(column, kind) for column, kind in zip(columns, kinds, strict=True))
-        )
+        columns = zip(*self._bodies, strict=True)
+        return Shapes(*map(np.array, columns, kinds))
 
 
 def yaw_rotation(angle: float) -> Array:

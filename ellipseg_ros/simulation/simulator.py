@@ -20,24 +20,13 @@ SWEEPS_PER_SECOND = 10
 BLOCK = LINES_PER_SECOND  # lines cast in one call and with one random generator: a second
 FIELDS = np.dtype(
     [
-        ("x", np.float32),
-        ("y", np.float32),
-        ("z", np.float32),
+        *((name, np.float32) for name in "xyz"),
         ("intensity", np.float32),  # 0 to 100
         ("t", np.uint32),  # ns from the stamp
         ("class", np.uint8),  # see Class
         ("instance", np.uint32),  # number of the item; 0: the ground
     ]
 )
-
-
-@dataclass(frozen=True)
-class LineReturns:
-    """The returns of some scan lines, in the order of the beams."""
-
-    points: Array  # (n, 3) float64 m, registered
-    fields: Array  # (n,) of FIELDS; `t` still 0
-    line: Array  # (n,) int64: row of the scan line
 
 
 @dataclass(frozen=True)
@@ -104,20 +93,21 @@ class Scene(Checked):
 
     def _block(self, numbers: Array) -> Iterator[Sweep]:
         """Yield the sweeps of the scan lines `numbers`."""
-        returns = self._scan(numbers, self._rng(3, int(numbers[0])))
-        time_ns = numbers * SECOND // LINES_PER_SECOND
+        returns, line = self._scan(numbers, self._rng(3, int(numbers[0])))
         sweep = numbers * SWEEPS_PER_SECOND // LINES_PER_SECOND
-        for number in range(sweep[0], sweep[-1] + 1):
-            stamp_ns = number * SECOND // SWEEPS_PER_SECOND
-            rows = slice(*np.searchsorted(sweep[returns.line], [number, number + 1]))
-            fields = returns.fields[rows].copy()
-            offsets_ns = time_ns[returns.line[rows]] - stamp_ns
-            fields["t"] = offsets_ns
-            points = returns.points[rows]
-            yield Sweep(START_NS + stamp_ns, points, offsets_ns, fields, self.frame_id)
+        stamps_ns = sweep * SECOND // SWEEPS_PER_SECOND
+        returns["t"] = (numbers * SECOND // LINES_PER_SECOND - stamps_ns)[line]
+        for stamp_ns in np.unique(stamps_ns):
+            fields = returns[stamps_ns[line] == stamp_ns]
+            points = np.column_stack([fields[name] for name in "xyz"]).astype(np.float64)
+            offsets_ns = fields["t"].astype(np.int64)
+            yield Sweep(START_NS + int(stamp_ns), points, offsets_ns, fields, self.frame_id)
 
-    def _scan(self, numbers: Array, rng: np.random.Generator) -> LineReturns:
-        """The returns of the scan lines `numbers`, with noise and drift."""
+    def _scan(self, numbers: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """The returns of the scan lines `numbers`, with noise and drift, in order of the beams.
+
+        Returns (n,) of FIELDS, with `t` still 0, and (n,) the row of `numbers` of each.
+        """
         times = numbers / LINES_PER_SECOND
         world = self._world
         lines = scanner.scan_lines(world.path, times, self._drive)
@@ -130,12 +120,10 @@ class Scene(Checked):
 
         reflectivity = np.append(shapes.reflectivity, [world.soil, 0.0])[ends.body]
         probability = scanner.return_probability(ends.distance, ends.cosine, reflectivity)
-        line, beam = np.nonzero(uniform[1] < probability)
-        at = (line, beam)
+        line, beam = at = np.nonzero(uniform[1] < probability)
         distance = ends.distance[at] + self.noise * noise[0][at]
         true = lines.origin[line] + distance[:, None] * scanner.directions(lines, line, beam)
         points = self._drift.apply(times[line], true, lines.origin[line])
-        points = points.astype(np.float32).astype(np.float64)  # as in `fields`, and so in a bag
 
         fields = np.zeros(len(points), FIELDS)
         for name, column in zip("xyz", points.T, strict=True):
@@ -144,7 +132,7 @@ class Scene(Checked):
         fields["intensity"] = np.clip(intensity, 0.0, 100.0)
         fields["class"] = np.append(shapes.kind, [Class.GROUND, Class.UNKNOWN])[ends.body[at]]
         fields["instance"] = np.append(shapes.instance, [0, 0])[ends.body[at]]
-        return LineReturns(points, fields, line)
+        return fields, line
 
 
 def simulate(scene: str, **settings: Any) -> Scene:

@@ -12,10 +12,9 @@ from ellipseg_ros.records import Sweep
 from ellipseg_ros.settings import iterate_settings
 from ellipseg_ros.simulation import rays, scanner, simulator
 from ellipseg_ros.simulation.rays import Lines, Terrain
-from ellipseg_ros.simulation.shapes import Class, Frame, Material, Model
+from ellipseg_ros.simulation.shapes import WORLD, Class, Material, Model
 from ellipseg_ros.simulation.simulator import SCENES, Scene, simulate
 
-HERE = Frame(np.zeros(3), np.eye(3))
 STEEL = Material(Class.WALL)
 FLAT = Terrain(np.zeros(1), np.ones((1, 2)), np.zeros(1), 0.0)
 EXACT = {"noise": 0.0, "drift": 0.0}
@@ -293,8 +292,8 @@ def test_walls_of_a_scene_are_plane():
 @pytest.mark.nojit
 def test_beam_ends_at_the_face_of_a_box():
     model = Model()
-    model.begin()
-    model.box(HERE, STEEL, (5.0, 0.0, 1.0), (2.0, 4.0, 2.0))
+    item = model.item(WORLD)
+    item.box(STEEL, (5.0, 0.0, 1.0), (2.0, 4.0, 2.0))
     distance, body, cosine = cast_beams(model, [[1, 0, 0], [1, 0.25, 0], [0, 1, 0], [-1, 0, 0]])
     assert np.allclose(distance, [4.0, 4.0 * np.hypot(1, 0.25), rays.FAR, rays.FAR])
     assert list(body) == [0, 0, rays.NOTHING, rays.NOTHING]
@@ -304,10 +303,10 @@ def test_beam_ends_at_the_face_of_a_box():
 @pytest.mark.nojit
 def test_beam_ends_at_a_cone_an_ellipsoid_and_the_nearest_body():
     model = Model()
-    model.begin()
-    model.cone(HERE, STEEL, ((6.0, 0.0, 0.0), (6.0, 0.0, 4.0)), (0.5, 0.3))
-    model.ellipsoid(HERE, STEEL, (0.0, 8.0, 1.0), (1.0, 2.0, 3.0))
-    model.ellipsoid(HERE, STEEL, (20.0, 0.0, 1.0), (1.0, 1.0, 1.0))
+    item = model.item(WORLD)
+    item.cone(STEEL, ((6.0, 0.0, 0.0), (6.0, 0.0, 4.0)), (0.5, 0.3))
+    item.ellipsoid(STEEL, (0.0, 8.0, 1.0), (1.0, 2.0, 3.0))
+    item.ellipsoid(STEEL, (20.0, 0.0, 1.0), (1.0, 1.0, 1.0))
     distance, body, cosine = cast_beams(model, [[1, 0, 0], [0, 1, 0], [1, 0, 0.9]])
     assert np.allclose(distance[:2], [6.0 - 0.45, 6.0])
     assert list(body) == [0, 1, rays.NOTHING]
@@ -319,8 +318,8 @@ def test_beam_ends_on_rolling_ground():
     terrain = Terrain(np.array([0.4, 0.1]), np.array([[0.3, 0.1], [0.0, 2.0]]), np.zeros(2), 0.4)
     down = np.array([[1, 0, -0.3], [0.3, -1, -0.15], [0, 0, -1], [1, 1, 0.5]])
     model = Model()
-    model.begin()
-    model.ellipsoid(HERE, STEEL, (0.0, 0.0, 90.0), (1.0, 1.0, 1.0))
+    item = model.item(WORLD)
+    item.ellipsoid(STEEL, (0.0, 0.0, 90.0), (1.0, 1.0, 1.0))
     distance, body, _ = cast_beams(model, down, terrain=terrain)
     assert list(body) == [rays.GROUND] * 3 + [rays.NOTHING]
     unit = down / np.linalg.norm(down, axis=1, keepdims=True)
@@ -331,8 +330,8 @@ def test_beam_ends_on_rolling_ground():
 @pytest.mark.nojit
 def test_depth_of_returns_in_leaves_follows_their_density():
     model = Model()
-    model.begin()
-    model.box(HERE, Material(Class.VEGETATION, density=2.0), (55.0, 0.0, 1.0), (100.0, 4.0, 2.0))
+    item = model.item(WORLD)
+    item.box(Material(Class.VEGETATION, density=2.0), (55.0, 0.0, 1.0), (100.0, 4.0, 2.0))
     uniform = (np.arange(400) + 0.5) / 400.0
     distance, _, _ = cast_beams(model, np.tile([1.0, 0.0, 0.0], (400, 1)), uniform=uniform)
     depth = distance - 5.0
@@ -344,11 +343,9 @@ def test_depth_of_returns_in_leaves_follows_their_density():
 @pytest.mark.nojit
 def test_stem_is_visible_through_thin_leaves():
     model = Model()
-    model.begin()
-    model.ellipsoid(
-        HERE, Material(Class.VEGETATION, density=0.5), (6.0, 0.0, 1.0), (2.0, 2.0, 2.0)
-    )
-    model.cone(HERE, STEEL, ((6.0, 0.0, -1.0), (6.0, 0.0, 3.0)), (0.2, 0.2))
+    item = model.item(WORLD)
+    item.ellipsoid(Material(Class.VEGETATION, density=0.5), (6.0, 0.0, 1.0), (2.0, 2.0, 2.0))
+    item.cone(STEEL, ((6.0, 0.0, -1.0), (6.0, 0.0, 3.0)), (0.2, 0.2))
     uniform = (np.arange(100) + 0.5) / 100.0
     distance, body, _ = cast_beams(model, np.tile([1.0, 0.0, 0.0], (100, 1)), uniform=uniform)
     assert (body == 1).mean() == pytest.approx(np.exp(-0.5 * 1.8), abs=0.02)
@@ -358,8 +355,8 @@ def test_stem_is_visible_through_thin_leaves():
 @pytest.mark.nojit
 def test_panes_are_recessed_and_return_weakly():
     model = Model()
-    model.begin()
-    model.box(HERE, Material(Class.WALL, windows=True), (6.0, 0.0, 1.5), (2.0, 2.8, 3.0))
+    item = model.item(WORLD)
+    item.box(Material(Class.WALL, windows=True), (6.0, 0.0, 1.5), (2.0, 2.8, 3.0))
     pane, wall = [1.0, 0.0, 0.13], [1.0, 0.23, 0.0]
     distance, _, cosine = cast_beams(model, [pane, wall])
     along_x = distance / [np.linalg.norm(pane), np.linalg.norm(wall)]
