@@ -12,6 +12,7 @@ import hashlib
 import os
 import pickle
 import uuid
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,8 @@ import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
-KERNEL_FOLDERS = ("core", "objects", "landmarks", "association")  # their kernels call one another
+# Their kernels call one another, and take the records.
+KERNEL_SOURCES = ("core", "objects", "landmarks", "association", "records.py")
 DIGEST = hashlib.sha256
 VERSION = f"{numba.__version__}/1".encode()  # of numba, and of this format
 
@@ -34,11 +36,14 @@ def cache_folder() -> str:
 def _default_folder() -> str:
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha1(usedforsecurity=False)
-    for folder in KERNEL_FOLDERS:
-        for source in sorted((package / folder).rglob("*.py")):
-            digest.update(source.read_bytes())
+    for source in sorted(path for name in KERNEL_SOURCES for path in _sources(package / name)):
+        digest.update(source.read_bytes())
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     return os.path.join(home, "ellipseg_ros", digest.hexdigest())
+
+
+def _sources(path: Path) -> Iterable[Path]:
+    return path.rglob("*.py") if path.is_dir() else [path]
 
 
 def cached(kernel: Any) -> Any:
@@ -75,12 +80,15 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]  # numba is not typed
         return f"{self._index_name.removesuffix('.nbi')}.{uuid.uuid4().hex[:16]}.nbc"
 
     def _read(self, path: str) -> Any:
-        """The contents; OSError if they have changed since, or another numba wrote them."""
+        """The contents; OSError if they are damaged, of another numba, or of another package."""
         with open(path, "rb") as file:
             digest, content = file.read(DIGEST().digest_size), file.read()
         if digest != DIGEST(VERSION + content).digest():
             raise OSError(f"{path} is damaged")
-        return pickle.loads(content)
+        try:
+            return pickle.loads(content)
+        except (AttributeError, ImportError) as error:  # of a record that has moved since
+            raise OSError(f"{path} is out of date") from error
 
     def _write(self, path: str, value: Any) -> None:
         content = self._dump(value)

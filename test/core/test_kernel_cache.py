@@ -13,7 +13,7 @@ import pytest
 from numba import njit
 
 import ellipseg_ros
-from ellipseg_ros.core.kernel_cache import cached
+from ellipseg_ros.core.kernel_cache import DIGEST, VERSION, cached
 
 PACKAGE = Path(ellipseg_ros.__file__).parent
 
@@ -58,7 +58,10 @@ def test_package_works_without_a_writable_cache(tmp_path):
     assert not list(temporary.iterdir())  # taken away at the end
 
 
-FLIPPED = {  # what may become of a file
+REMOVED = b"cellipseg_ros.records\nRemoved\n."  # a pickle of a class that is not there any more
+
+DAMAGE = {
+    "of a removed class": lambda data: DIGEST(VERSION + REMOVED).digest() + REMOVED,
     "truncated": lambda data: data[: len(data) // 2],
     "one bit flipped": lambda data: data[:-9] + bytes([data[-9] ^ 4]) + data[-8:],
     "the digest flipped": lambda data: bytes([data[0] ^ 1]) + data[1:],
@@ -73,13 +76,13 @@ def twice(x):
 
 
 def hits():
-    """How many versions came from the cache, after a call as in a new process."""
+    """The number of versions loaded from the cache by a call, as in a new process."""
     fresh = cached(njit(twice))
     assert fresh(21) == 42
     return sum(fresh.stats.cache_hits.values())
 
 
-@pytest.mark.parametrize("damage", FLIPPED.values(), ids=FLIPPED)
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 def test_damaged_cache_files_are_compiled_again(suffix, damage, tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
