@@ -10,14 +10,7 @@ from pathlib import Path
 
 from ellipseg_ros.cli.isolation import LOCALHOST_ONLY, environment_variables, reserved_domain
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
-from ellipseg_ros.cli.report import (
-    Meter,
-    Progress,
-    heading,
-    print_status,
-    print_summary,
-    progress_bar,
-)
+from ellipseg_ros.cli.report import Meter, Progress, heading, print_status, progress_bar
 from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare, require_plots
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
@@ -58,20 +51,15 @@ class LiveRun:
 
     def milliseconds(self, name: str) -> dict[str, float]:
         """Median and 99th percentile of a time in the diagnostics."""
-        keys = {quantile: f"{name} {quantile} [s]" for quantile in ("median", "p99")}
-        return {
-            quantile: round(float(self.diagnostics[key]) * 1e3, 1)
-            for quantile, key in keys.items()
-            if key in self.diagnostics
-        }
+        values = {q: self.diagnostics.get(f"{name} {q} [s]") for q in ("median", "p99")}
+        return {q: round(float(value) * 1e3, 1) for q, value in values.items() if value}
 
 
 def run(args: Namespace) -> int:
     """Run, verify and report; returns the exit code, 1 if the verification failed."""
     require_plots(args)
     source = open_input(args.data, args)
-    is_drive = bool(source.duration)
-    defaults = {"max_points_per_second": MAX_POINTS_PER_SECOND} if is_drive else {}
+    defaults = {"max_points_per_second": MAX_POINTS_PER_SECOND} if source.duration else {}
     settings = with_settings(read_settings(args, defaults), REPRODUCIBLE)
     folder = Path(args.output)
     prepare(folder, args.data)
@@ -91,7 +79,6 @@ def run(args: Namespace) -> int:
         "node": live.diagnostics,
     }
     finish(folder, summary, meter.last, args)
-    print_summary(summary, args)
     if meter.last is not None and meter.last.counts.thinned:
         rate = settings.config.max_points_per_second
         print_status(f"The clouds were thinned: max_points_per_second = {rate:,}.", args)
@@ -119,16 +106,11 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
     name = f"/demo_{os.getpid()}"  # the domain may have other nodes
     namespace = ["--ros-args", "-r", f"__ns:={name}", "-r", f"/diagnostics:={name}/diagnostics"]
     client_args = [*namespace, "--log-level", "warn"]
-    parameters = folder / PARAMETERS
-    write_text(parameters, as_yaml(settings.config, settings.node))
+    node_args = [*namespace, "--params-file", str(folder / PARAMETERS)]
+    write_text(folder / PARAMETERS, as_yaml(settings.config, settings.node))
     period = settings.config.update_period
-    options = ReplayOptions(
-        rate=0.0,
-        clock=False,
-        ahead=AHEAD * period,
-        update_period=period,
-        update_timeout=UPDATE_TIMEOUT_S,
-    )
+    pace = {"rate": 0.0, "ahead": AHEAD * period, "update_period": period}
+    options = ReplayOptions(**pace, clock=False, update_timeout=UPDATE_TIMEOUT_S)
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / BAG, settings.node))
         recorder = stack.enter_context(Recorder(bag, client_args))
@@ -139,7 +121,6 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
             replayer.stop()
 
         print_status("starting the node, which compiles its kernels the first time ...", args)
-        node_args = [*namespace, "--params-file", str(parameters)]
         node = stack.enter_context(NodeProcess(node_args, folder / LOG, abort))
         node.start()
         recorder.wait_for_topics(START_TIMEOUT_S)

@@ -24,9 +24,9 @@ Findings = dict[str, list[Finding]]  # by section
 
 def run(args: Namespace) -> int:
     """Check everything and report; returns 1 if any finding is an error."""
+    limits = f"above 0, at most {MAX_SECONDS:g}"
     if not 0.0 < args.seconds <= MAX_SECONDS:
-        limits = f"it must be above 0, at most {MAX_SECONDS:g}"
-        raise EllipsegError(f"--seconds is {args.seconds:g}; {limits}")
+        raise EllipsegError(f"--seconds is {args.seconds:g}; it must be {limits}")
     middleware, ros_error = _import_ros()
     installation = read_installation(ros_error)
     python = ".".join(map(str, installation.python))
@@ -42,9 +42,8 @@ def run(args: Namespace) -> int:
             graph = _observe(args)
             findings["graph"] = list(check_graph(graph, environment.receive_buffer))
         except EllipsegError as problem:
-            findings["graph"] = [
-                error(str(problem), "correct the errors above, or the names given")
-            ]
+            remedy = "correct the errors above, or the names given"
+            findings["graph"] = [error(str(problem), remedy)]
     if not (args.no_speed or installation.interpreted or installation.numba_error):
         findings["speed"] = [_speed(graph, args)]
     show(findings, args)
@@ -57,12 +56,8 @@ def _import_ros() -> tuple[str, str]:
     In a process of its own: a missing RMW implementation ends the process that loads it.
     """
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", IMPORT_ROS],
-            capture_output=True,
-            text=True,
-            timeout=IMPORT_TIMEOUT_S,
-        )
+        program = [sys.executable, "-c", IMPORT_ROS]
+        done = subprocess.run(program, capture_output=True, text=True, timeout=IMPORT_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         return "", f"ROS does not load within {IMPORT_TIMEOUT_S:g} s"
     if done.returncode == 0:
@@ -93,11 +88,7 @@ def _speed(graph: GraphSnapshot | None, args: Namespace) -> Finding:
 def show(findings: Findings, args: Namespace) -> None:
     """Print all findings as JSON or as lines; with --quiet, the errors alone."""
     if args.json:
-        rows = [
-            {"section": section, **asdict(finding)}
-            for section, results in findings.items()
-            for finding in results
-        ]
+        rows = [{"section": s} | asdict(finding) for s in findings for finding in findings[s]]
         print(json.dumps(rows, indent=2))
         return
     for section, results in findings.items():

@@ -1,13 +1,12 @@
 """Reports of a run: progress on stderr, and a summary as a table or as JSON."""
 
 import json
-import resource
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -17,6 +16,7 @@ from tqdm import tqdm  # widely used, small, and adapts to terminals
 
 from ellipseg_ros.cli.settings import Settings
 from ellipseg_ros.io.atomic_files import write_text
+from ellipseg_ros.node.memory import peak_mb
 from ellipseg_ros.records import SECOND, Segmentation, Sweep
 
 Summary = dict[str, Any]  # nested, JSON-ready; names carry the unit
@@ -60,7 +60,7 @@ class Meter:
         """Counts, times, and the last window."""
         return self.counts(time.perf_counter() - self.started) | {
             "update_ms": percentiles(self.times_s),
-            "peak_memory_mb": peak_memory_mb(),
+            "peak_memory_mb": peak_mb(),
         }
 
     def counts(self, wall_s: float) -> Summary:
@@ -87,21 +87,13 @@ def percentiles(times_s: list[float]) -> dict[str, float]:
     return {"median": round(median, 1), "p99": round(p99, 1), "max": round(highest, 1)}
 
 
-def peak_memory_mb() -> float:
-    """Peak resident memory of this process, in MB (10^6 bytes); Linux counts in KiB."""
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6, 1)
-
-
 def window_summary(result: Segmentation) -> Summary:
     """Numbers of points, segments and objects of a window, and its AICc."""
     counts = result.counts
     duration_ns = result.end_ns - int(result.times_ns.min(initial=result.end_ns))
     return {
         "points": len(result.labels),
-        "segmented": counts.segmented,
-        "isolated": counts.isolated,
-        "rejected": counts.rejected,
-        "thinned": counts.thinned,
+        **asdict(counts),
         "seconds": round(duration_ns / SECOND, 3),
         "segments": len(result.ellipsoids),
         "segments_of_12_points": int((result.ellipsoids.count >= 12).sum()),
@@ -125,17 +117,15 @@ def heading(source: str, frame_id: str, settings: Settings) -> Summary:
 
 def print_summary(summary: Summary, args: Namespace) -> None:
     """Print a summary as JSON or as a table; nothing with --quiet."""
-    print_results(summary, lambda _: [f"{name:<22} {text}" for name, text in _rows(summary)], args)
+    print_results(summary, (f"{name:<22} {text}" for name, text in _rows(summary)), args)
 
 
-def print_results(
-    results: Summary, lines: Callable[[Summary], list[str]], args: Namespace
-) -> None:
+def print_results(results: Summary, lines: Iterable[str], args: Namespace) -> None:
     """Print results as JSON or as lines; nothing with --quiet."""
     if args.json:
         print(json.dumps(results, indent=2))
     elif not args.quiet:
-        print("\n".join(lines(results)))
+        print("\n".join(lines))
 
 
 def write_summary(summary: Summary, path: Path) -> None:
@@ -160,13 +150,10 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "source", f"{summary['source']} (frame {summary['frame_id'] or 'not named'})"
     yield "criterion", f"{summary['criterion']}, threshold {summary['threshold']:g}"
     yield from _run_rows(summary)
-    if summary["window"]:
-        yield from _window_rows(summary["window"])
-    for name, text in summary.get("checks", {}).items():
-        yield name, str(text)
-    if summary.get("files"):
-        paths = [Path(path) for path in summary["files"]]
-        yield "wrote", f"{paths[0].parent}/: {', '.join(path.name for path in paths)}"
+    yield from _window_rows(summary["window"]) if summary["window"] else ()
+    yield from summary.get("checks", {}).items()
+    paths = [Path(path) for path in summary["files"]]
+    yield "wrote", f"{paths[0].parent}/: {', '.join(path.name for path in paths)}"
 
 
 def _run_rows(summary: Summary) -> Iterator[tuple[str, str]]:

@@ -5,7 +5,7 @@ from argparse import Namespace
 from importlib import import_module
 from pathlib import Path
 
-from ellipseg_ros.cli.report import Summary, print_status, write_summary
+from ellipseg_ros.cli.report import Summary, print_status, print_summary, write_summary
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.formats import npz, ply
 from ellipseg_ros.records import Segmentation
@@ -16,14 +16,8 @@ LOG = "node.log"
 PARAMETERS = "segmenter.yaml"
 NPZ = "window.npz"
 PLY = "window.ply"
-PICTURES = (
-    "segments.png",
-    "ellipsoids.png",
-    "segments_oblique.png",
-    "ellipsoids_oblique.png",
-    "levels.png",
-)
-NAMES = (BAG, SUMMARY, PARAMETERS, LOG, NPZ, PLY, *PICTURES)
+VIEWS = ("segments.png", "ellipsoids.png", "segments_oblique.png", "ellipsoids_oblique.png")
+NAMES = (BAG, SUMMARY, PARAMETERS, LOG, NPZ, PLY, *VIEWS, "levels.png")
 
 
 def prepare(
@@ -39,9 +33,8 @@ def prepare(
     removable = {*names, *(f".{name}.part" for name in names)}  # also results written in part
     other_files = sorted(path.name for path in paths if path.name not in removable)
     if other_files:
-        raise EllipsegError(
-            f"{folder} holds {other_files[0]}; give a new folder, or an empty one, with -o"
-        )
+        remedy = "give a new folder, or an empty folder, with -o"
+        raise EllipsegError(f"{folder} holds {other_files[0]}; {remedy}")
     if folder.resolve() in (Path(source).resolve(), *Path(source).resolve().parents):
         raise EllipsegError(f"{source} is in {folder}, which is overwritten; give another -o")
     for path in paths:
@@ -58,7 +51,7 @@ def require_plots(args: Namespace) -> None:
 
 
 def finish(folder: Path, summary: Summary, result: Segmentation | None, args: Namespace) -> None:
-    """Write the last window, its pictures and the summary, and list all files in the summary."""
+    """Write the last window, its pictures and the summary with all files; print the summary."""
     if result is not None:
         npz.write(folder / NPZ, result)
         ply.write(folder / PLY, result)
@@ -67,6 +60,7 @@ def finish(folder: Path, summary: Summary, result: Segmentation | None, args: Na
     written = {path.name for path in folder.iterdir()} | {SUMMARY}
     summary["files"] = [str(folder / name) for name in NAMES if name in written]
     write_summary(summary, folder / SUMMARY)
+    print_summary(summary, args)
 
 
 def _draw(folder: Path, result: Segmentation, args: Namespace) -> None:

@@ -5,14 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from ellipseg_ros.cli.report import (
-    Meter,
-    Progress,
-    heading,
-    print_status,
-    print_summary,
-    progress_bar,
-)
+from ellipseg_ros.cli.report import Meter, Progress, heading, print_status, progress_bar
 from ellipseg_ros.cli.results import BAG, finish, prepare, require_plots
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
@@ -37,7 +30,6 @@ def run(args: Namespace) -> int:
     meter = _segment(source, settings, folder, args)
     summary = heading(args.source, source.frame_id, settings) | meter.summary()
     finish(folder, summary, meter.last, args)
-    print_summary(summary, args)
     return 0
 
 
@@ -58,9 +50,8 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
     meter = Meter()
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar(source.count, "clouds", args))
-        bag = None
-        if not args.no_bag:
-            bag = stack.enter_context(BagSink(folder / BAG, settings.node))
+        sink = None if args.no_bag else BagSink(folder / BAG, settings.node)
+        bag = stack.enter_context(sink) if sink else None
         sweeps = _observed(source, settings.config, bag, bar, args)
         for _, result in run_updates(sweeps, settings.config, meter):
             if result.restart:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml  # PyYAML, which ROS itself reads parameter files with
 
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.errors import ConfigError
+from ellipseg_ros.errors import ConfigError, reason
 from ellipseg_ros.settings import Value, flatten, with_values
 
 
@@ -30,17 +30,14 @@ def read_settings(args: Namespace, defaults: dict[str, Any] | None = None) -> Se
     defaults: by dotted name, where they differ from those of config.py.
     ConfigError: an unknown name, a value of a wrong type or out of range, an invalid file.
     """
-    values = dict(defaults or {})
-    if args.params:
-        values |= _read_file(Path(args.params))
+    values = (defaults or {}) | (_read_file(Path(args.params)) if args.params else {})
     for pair in args.set:
         name, equals, value = pair.partition("=")
         if not equals:
             raise ConfigError(f"--set {pair} has no value; write --set name=value")
         values[name.strip()] = value.strip()
-    for name in ("criterion", "threshold"):
-        if getattr(args, name) is not None:
-            values[name] = getattr(args, name)
+    named = {"criterion": args.criterion, "threshold": args.threshold}
+    values |= {name: value for name, value in named.items() if value is not None}
     return with_settings(Settings(), values)
 
 
@@ -75,8 +72,7 @@ def _read_file(path: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"{path} is no YAML: {reason}") from error
+        raise ConfigError(f"{path} is no YAML: {reason(error)}") from error
     values = _flat(content, "") if isinstance(content, dict) else {}
     values.pop("use_sim_time", None)  # of ROS itself; results depend on stamps alone
     if not values:

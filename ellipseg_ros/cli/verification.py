@@ -33,12 +33,10 @@ def recorded_updates(bag: Path) -> Iterator[RecordedUpdate]:
     clouds = read_messages(bag, "/segmented_points")
     arrays = read_messages(bag, "/segments")
     landmarks = {msg.sequence: data for data, msg in read_messages(bag, "/landmarks")}
-    for (cloud, cloud_msg), (segments, message) in zip(clouds, arrays, strict=False):
-        fields = read_fields(cloud_msg)
-        of_update = landmarks.get(message.sequence)
-        yield RecordedUpdate(
-            cloud, fields["label"], fields["object"], segments, of_update, message
-        )
+    for (cloud, cloud_msg), (segments, msg) in zip(clouds, arrays, strict=False):
+        points = read_fields(cloud_msg)
+        parts = (points["label"], points["object"], segments, landmarks.get(msg.sequence), msg)
+        yield RecordedUpdate(cloud, *parts)
 
 
 def equal(received: bytes, sent: bytes) -> bool:
@@ -75,10 +73,8 @@ class Verification:
         different = [topic for topic, is_equal in equal_topics.items() if not is_equal]
         self.identical += not different
         if different:
-            topics = ", ".join(different)
-            self.problems.append(
-                f"update {self.updates} differs from the offline result: {topics}"
-            )
+            text = f"update {self.updates} differs from the offline result"
+            self.problems.append(f"{text}: {', '.join(different)}")
 
     def summary(self) -> Summary:
         """The results as lines of text."""

@@ -32,7 +32,10 @@ def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Ite
     if not graph.has_clock and clouds[-1].stamp_ns:
         yield _age(median(cloud.age for cloud in clouds))
     yield from _frames(clouds)
-    yield from _density(graph)
+    rate, limited = graph.points_per_second, _points_per_second(graph)
+    if rate is not None:
+        thinned = f", thinned to {limited:,.0f} (max_points_per_second)" if limited != rate else ""
+        yield ok(f"{rate:,.0f} points per second{thinned}")
     largest = max(cloud.size for cloud in clouds)
     if receive_buffer is not None and largest > receive_buffer:
         enough = 1 << (4 * largest - 1).bit_length()
@@ -49,24 +52,21 @@ def check_speed(speed: float, graph: GraphSnapshot | None) -> Finding:
     rate = None if graph is None else _points_per_second(graph)
     if rate is None:
         return ok(text)
+    text += f"; the clouds have {rate:,.0f}"
     if rate <= speed:
-        return ok(f"{text}; the clouds have {rate:,.0f}")
-    return warn(
-        f"{text}; the clouds have {rate:,.0f}, more than can be segmented in real time",
-        f"set max_points_per_second to {max(1000, round(0.5 * speed, -3)):.0f}, then watch the "
-        "latency in /diagnostics",
-    )
+        return ok(text)
+    limit = f"{max(1000, round(0.5 * speed, -3)):.0f}"
+    remedy = f"set max_points_per_second to {limit}, then watch the latency in /diagnostics"
+    return warn(f"{text}, more than can be segmented in real time", remedy)
 
 
 def _contents(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
     problems = [cloud.problem for cloud in clouds if cloud.problem]
-    if problems:
-        level = error if len(problems) == len(clouds) else warn
-        yield level(
-            f"{len(problems)} of {len(clouds)} clouds can't be used: {problems[-1]}",
-            "correct the publisher; docs/guide/sensors.md describes what a cloud must have",
-        )
     good = [cloud for cloud in clouds if not cloud.problem]
+    if problems:
+        text = f"{len(problems)} of {len(clouds)} clouds can't be used: {problems[-1]}"
+        remedy = "correct the publisher; docs/guide/sensors.md describes what a cloud must have"
+        yield (warn if good else error)(text, remedy)
     if not good:
         return
     times = "with" if good[-1].timed else "without"
@@ -74,15 +74,12 @@ def _contents(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
     yield ok(f"fields {', '.join(good[-1].fields)}; {times} times of points{optional}")
     points = sum(cloud.points for cloud in good)
     missing = points - sum(cloud.finite for cloud in good)
-    if not points:
-        yield error("every cloud is empty", "check the input of the publisher")
-    elif missing == points:
-        yield error("no point has coordinates: all are NaN", "check the input of the publisher")
+    if missing == points:
+        text = "no point has coordinates: all are NaN" if points else "every cloud is empty"
+        yield error(text, "check the input of the publisher")
     elif missing > MAX_NAN_SHARE * points:
-        yield warn(
-            f"{missing / points:.0%} of the points are NaN, which costs bandwidth",
-            "publish clouds without the rays that hit nothing",
-        )
+        text = f"{missing / points:.0%} of the points are NaN, which costs bandwidth"
+        yield warn(text, "publish clouds without the rays that hit nothing")
 
 
 def _rate(clouds: Sequence[CloudInfo]) -> Finding:
@@ -93,12 +90,10 @@ def _rate(clouds: Sequence[CloudInfo]) -> Finding:
     rate = len(gaps) / max(sum(gaps), 1e-9)
     jitter = median(abs(gap - usual) for gap in gaps)
     text = f"{rate:.1f} clouds per second, jitter {1e3 * jitter:.0f} ms"
-    if longest > max(GAP_RATIO * usual, MIN_GAP_S):
-        return warn(
-            f"{text}; none arrived for {longest:.1f} s",
-            "check the load of publisher and network: `ros2 topic delay`, `top`",
-        )
-    return ok(text)
+    if longest <= max(GAP_RATIO * usual, MIN_GAP_S):
+        return ok(text)
+    remedy = "check the load of publisher and network: `ros2 topic delay`, `top`"
+    return warn(f"{text}; none arrived for {longest:.1f} s", remedy)
 
 
 def _stamps(clouds: Sequence[CloudInfo], lateness: float) -> Iterator[Finding]:
@@ -107,25 +102,20 @@ def _stamps(clouds: Sequence[CloudInfo], lateness: float) -> Iterator[Finding]:
     steps = [b - a for a, b in pairwise(stamps)]
     if len(stamps) > 2 and len(set(stamps)) == 1:
         value = "zero" if not stamps[0] else f"the same, {stamps[0] / SECOND:.3f} s"
-        yield error(
-            f"all stamps are {value}, so the window never moves",
-            "have the publisher set header.stamp",
-        )
+        text = f"all stamps are {value}, so the window never moves"
+        yield error(text, "have the publisher set header.stamp")
         return
     jumps = sum(step < -lateness * SECOND for step in steps)
     late = sum(step < 0 for step in steps) - jumps
+    limit = f"max_lateness ({lateness:g} s)"
     if jumps:
         yield warn(
-            f"stamps jumped back {jumps} times by more than max_lateness ({lateness:g} s), which "
-            "restarts the window each time",
-            "normal for a recording in a loop; else check for two publishers with different "
-            "clocks",
+            f"stamps jumped back {jumps} times by more than {limit}, each time with a restart",
+            "normal for a recording in a loop; else compare the clocks of the publishers",
         )
     if late:
-        yield warn(
-            f"{late} clouds arrived after later ones, within max_lateness ({lateness:g} s)",
-            "they are accepted; publish in order if possible",
-        )
+        text = f"{late} clouds arrived after later ones, within {limit}"
+        yield warn(text, "they are accepted; publish in order if possible")
     if steps and not jumps and not late:
         yield ok("stamps increase")
 
@@ -147,28 +137,16 @@ def _age(age: float) -> Finding:
 def _frames(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
     frames = list(dict.fromkeys(cloud.frame_id for cloud in clouds))
     if len(frames) > 1:
-        yield error(
-            f"the frame changes: {', '.join(frames)}; every change restarts the window",
-            "publish the clouds of a topic in one frame",
-        )
+        text = f"the frame changes: {', '.join(frames)}; every change restarts the window"
+        yield error(text, "publish the clouds of a topic in one frame")
     for frame in frames:
         if not frame:
             yield warn("header.frame_id is empty, so RViz shows nothing", "set it to odom")
         elif looks_like_a_sensor(frame):
-            yield warn(
-                f"frame {frame} is probably that of a sensor: a moving sensor smears the window",
-                "give the node registered clouds, in odom: docs/guide/sensors.md",
-            )
+            text = f"frame {frame} is probably that of a sensor: a moving sensor smears the window"
+            yield warn(text, "give the node registered clouds, in odom: docs/guide/sensors.md")
         else:
             yield ok(f"frame {frame}")
-
-
-def _density(graph: GraphSnapshot) -> Iterator[Finding]:
-    rate = graph.points_per_second
-    if rate is not None:
-        limit = _points_per_second(graph)
-        thinned = f", thinned to {limit:,.0f} (max_points_per_second)" if limit != rate else ""
-        yield ok(f"{rate:,.0f} points per second{thinned}")
 
 
 def _points_per_second(graph: GraphSnapshot) -> float | None:

@@ -44,6 +44,7 @@ class Environment:
 
 def read_environment(variables: Mapping[str, str], python: str, middleware: str) -> Environment:
     """Collect the facts; python: version of this interpreter, middleware: loaded by ROS."""
+    rmem_max = Path("/proc/sys/net/core/rmem_max")
     prefixes = [path for path in variables.get("AMENT_PREFIX_PATH", "").split(":") if path]
     ours = [path for path in prefixes if (Path(path) / "share" / NAME).is_dir()]
     home = variables.get("ROS_HOME") or str(Path.home() / ".ros")
@@ -58,7 +59,7 @@ def read_environment(variables: Mapping[str, str], python: str, middleware: str)
         prefixes=tuple(dict.fromkeys(ours)),
         logs=folder_at(variables.get("ROS_LOG_DIR") or f"{home}/log"),
         shared_memory=folder_at("/dev/shm") if Path("/dev/shm").is_dir() else None,
-        receive_buffer=_integer_in("/proc/sys/net/core/rmem_max"),
+        receive_buffer=int(rmem_max.read_text("ascii")) if rmem_max.is_file() else None,
         missing_files=tuple(path for path in files if not path or not os.path.exists(path)),
     )
 
@@ -72,17 +73,10 @@ def folder_at(path: str) -> Folder:
     return Folder(str(whole), writable, disk.f_bavail * disk.f_frsize)
 
 
-def _integer_in(path: str) -> int | None:
-    try:
-        return int(Path(path).read_text("ascii"))
-    except (OSError, ValueError):
-        return None
-
-
 def check_environment(environment: Environment) -> Iterator[Finding]:
     """Findings about an environment."""
     variables = environment.variables
-    yield _distribution(environment)
+    yield _distribution(variables.get("ROS_DISTRO", ""), environment.wheels)
     yield from _mixed_paths(environment)
     yield _domain(variables.get("ROS_DOMAIN_ID", "").strip())
     yield _discovery(variables)
@@ -91,128 +85,99 @@ def check_environment(environment: Environment) -> Iterator[Finding]:
     yield _logs(environment.logs)
     yield _shared_memory(environment.shared_memory)
     if environment.receive_buffer is not None:
-        size = environment.receive_buffer / 2**10
-        yield ok(f"socket buffers of up to {size:.0f} KiB (rmem_max)")
+        yield ok(
+            f"socket buffers of up to {environment.receive_buffer / 2**10:.0f} KiB (rmem_max)"
+        )
 
 
-def _distribution(environment: Environment) -> Finding:
-    name = environment.variables.get("ROS_DISTRO", "")
+def _distribution(name: str, wheels: bool) -> Finding:
+    """Finding about ROS_DISTRO; wheels: ROS comes from PyPI."""
     if name and name != DISTRIBUTION:
-        return error(
-            f"ROS {name} is sourced; this package is for {DISTRIBUTION}",
-            f"open a new shell and source /opt/ros/{DISTRIBUTION}/setup.bash",
-        )
-    if environment.wheels and name:
-        return warn(
-            f"ROS comes from PyPI, and ROS {name} is sourced too: their libraries may mix",
-            "open a new shell without setup.bash, or use an environment without ROS wheels",
-        )
-    return ok("ROS from PyPI" if environment.wheels else f"ROS {name or '(ROS_DISTRO not set)'}")
+        text = f"ROS {name} is sourced; this package is for {DISTRIBUTION}"
+        return error(text, f"open a new shell and source /opt/ros/{DISTRIBUTION}/setup.bash")
+    if wheels and name:
+        text = f"ROS comes from PyPI, and ROS {name} is sourced too: their libraries may mix"
+        return warn(text, "open a new shell without setup.bash, or an environment without wheels")
+    return ok("ROS from PyPI" if wheels else f"ROS {name or '(ROS_DISTRO not set)'}")
 
 
 def _mixed_paths(environment: Environment) -> Iterator[Finding]:
     prefixes = environment.prefixes
     if len(prefixes) > 1:
-        yield warn(
-            f"AMENT_PREFIX_PATH has {NAME} {len(prefixes)} times: {', '.join(prefixes)}; the "
-            "first is used",
-            "open a new shell and source only one workspace",
-        )
+        text = f"AMENT_PREFIX_PATH has {NAME} {len(prefixes)} times: {', '.join(prefixes)}"
+        yield warn(f"{text}; the first is used", "open a new shell and source only one workspace")
     path = environment.variables.get("PYTHONPATH", "")
     versions = sorted(set(re.findall(r"python(3\.\d+)", path)) - {environment.python})
     if versions:
-        yield error(
-            f"PYTHONPATH has packages of Python {', '.join(versions)}; this is "
-            f"{environment.python}",
-            "use the Python that ROS was built for, or unset PYTHONPATH",
-        )
+        text = f"PYTHONPATH has packages of Python {', '.join(versions)}"
+        remedy = "use the Python that ROS was built for, or unset PYTHONPATH"
+        yield error(f"{text}; this is {environment.python}", remedy)
 
 
 def _domain(text: str) -> Finding:
     if text and (not text.isascii() or not text.isdigit() or int(text) > MAX_DOMAIN):
-        return error(
-            f"ROS_DOMAIN_ID is {text!r}", f"set it to 0 to {MAX_SAFE_DOMAIN}, or unset it"
-        )
+        remedy = f"set it to 0 to {MAX_SAFE_DOMAIN}, or unset it"
+        return error(f"ROS_DOMAIN_ID is {text!r}", remedy)
     if text and int(text) > MAX_SAFE_DOMAIN:
-        return warn(
-            f"ROS_DOMAIN_ID is {text}: its ports may be taken by other programs",
-            f"use 0 to {MAX_SAFE_DOMAIN}, on all machines",
-        )
+        remedy = f"use 0 to {MAX_SAFE_DOMAIN}, on all machines"
+        return warn(f"ROS_DOMAIN_ID is {text}: its ports may be taken by other programs", remedy)
     return ok(f"ROS_DOMAIN_ID {text or '0 (not set)'}; it must be the same on all machines")
 
 
 def _discovery(variables: Mapping[str, str]) -> Finding:
-    if variables.get("ROS_LOCALHOST_ONLY", "0") == "1":
-        return warn(
-            "ROS_LOCALHOST_ONLY is set: only this machine is discovered",
-            "unset it; ROS_AUTOMATIC_DISCOVERY_RANGE replaces it",
-        )
     name = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    if variables.get("ROS_LOCALHOST_ONLY", "0") == "1":
+        text = "ROS_LOCALHOST_ONLY is set: only this machine is discovered"
+        return warn(text, f"unset it; {name} replaces it")
     value = variables.get(name, "") or "SUBNET"
     if value.upper() not in DISCOVERY_RANGES:
         return error(f"{name} is {value!r}", f"use one of {', '.join(DISCOVERY_RANGES)}")
     if value.upper() == "OFF":
-        return error(
-            f"{name} is OFF: no node is discovered, not even on this machine",
-            "unset it, or use LOCALHOST or SUBNET",
-        )
+        text = f"{name} is OFF: no node is discovered, not even on this machine"
+        return error(text, "unset it, or use LOCALHOST or SUBNET")
     scope = "this machine only" if value.upper() == "LOCALHOST" else "the local network"
     return ok(f"discovery range {value.upper()}: {scope}")
 
 
 def _middleware(requested: str, loaded: str) -> Finding:
     if not loaded:
-        return error(
-            f"no middleware could be loaded (RMW_IMPLEMENTATION {requested or 'not set'})",
-            "unset RMW_IMPLEMENTATION, or install the package of that name",
-        )
+        text = f"no middleware could be loaded (RMW_IMPLEMENTATION {requested or 'not set'})"
+        return error(text, "unset RMW_IMPLEMENTATION, or install the package of that name")
     if requested and requested != loaded:
-        return warn(
-            f"RMW_IMPLEMENTATION is {requested}, but {loaded} is used",
-            f"install {requested}, or unset the variable on all machines",
-        )
+        text = f"RMW_IMPLEMENTATION is {requested}, but {loaded} is used"
+        return warn(text, f"install {requested}, or unset the variable on all machines")
     return ok(f"middleware {loaded}; it should be the same on all machines")
 
 
 def _security(environment: Environment) -> Iterator[Finding]:
+    remedy = f"correct {', '.join(XML)}, ROS_SECURITY_ENABLE and ROS_SECURITY_KEYSTORE"
     for path in environment.missing_files:
-        yield error(
-            f"a file named in the environment is missing: {path or 'ROS_SECURITY_KEYSTORE'}",
-            f"correct {', '.join(XML)}, ROS_SECURITY_ENABLE and ROS_SECURITY_KEYSTORE",
-        )
+        name = path or "ROS_SECURITY_KEYSTORE"
+        yield error(f"a file named in the environment is missing: {name}", remedy)
     if environment.variables.get("ROS_SECURITY_ENABLE") == "true":
         if environment.variables.get("ROS_SECURITY_STRATEGY") == "Enforce":
             yield ok("DDS security is on, and enforced")
         else:
-            yield warn(
-                "DDS security is on, but a node without keys starts unsecured",
-                "export ROS_SECURITY_STRATEGY=Enforce",
-            )
+            text = "DDS security is on, but a node without keys starts unsecured"
+            yield warn(text, "export ROS_SECURITY_STRATEGY=Enforce")
 
 
 def _logs(logs: Folder) -> Finding:
     if not logs.writable:
-        return error(
-            f"logs can't be written to {logs.path}, so that no node starts",
-            "set ROS_LOG_DIR to a writable folder",
-        )
+        text = f"logs can't be written to {logs.path}, so that no node starts"
+        return error(text, "set ROS_LOG_DIR to a writable folder")
     if logs.free < MIN_LOG_BYTES:
-        return warn(
-            f"{logs.free / 2**20:.0f} MiB left for logs in {logs.path}",
-            "remove old logs, or set ROS_LOG_DIR to a folder on another disk",
-        )
+        text = f"{logs.free / 2**20:.0f} MiB left for logs in {logs.path}"
+        return warn(text, "remove old logs, or set ROS_LOG_DIR to a folder on another disk")
     return ok(f"logs in {logs.path}")
 
 
 def _shared_memory(memory: Folder | None) -> Finding:
     if memory is None or not memory.writable:
-        return warn(
-            "no shared memory (/dev/shm): clouds go through sockets, which is slower",
-            "mount a tmpfs at /dev/shm",
-        )
+        text = "no shared memory (/dev/shm): clouds go through sockets, which is slower"
+        return warn(text, "mount a tmpfs at /dev/shm")
+    text = f"{memory.free / 2**20:.0f} MiB of shared memory left (/dev/shm)"
     if memory.free < MIN_SHARED_MEMORY_BYTES:
-        return warn(
-            f"{memory.free / 2**20:.0f} MiB of shared memory left (/dev/shm)",
-            "docker run --shm-size=512m or --ipc=host; after crashes: `fastdds shm clean`",
-        )
-    return ok(f"{memory.free / 2**20:.0f} MiB of shared memory left")
+        remedy = "docker run --shm-size=512m or --ipc=host; after crashes: `fastdds shm clean`"
+        return warn(text, remedy)
+    return ok(text)

@@ -25,24 +25,19 @@ def check_graph(graph: GraphSnapshot, receive_buffer: int | None = None) -> Iter
 
 
 def _publishers(graph: GraphSnapshot) -> Iterator[Finding]:
-    name = graph.topic.name
+    name, remapping = graph.topic.name, _remapping(graph)
     wrong_types = {end.msg_type for end in graph.topic.publishers} - {CLOUD}
     if wrong_types:
-        yield error(
-            f"{name} is published as {', '.join(sorted(wrong_types))}, not as {CLOUD}",
-            _remapping(graph) or "give the topic with the clouds",
-        )
+        text = f"{name} is published as {', '.join(sorted(wrong_types))}, not as {CLOUD}"
+        yield error(text, remapping or "give the topic with the clouds")
     publishers = [end for end in graph.topic.publishers if end.msg_type == CLOUD]
     if not graph.topic.publishers:
-        yield error(
-            f"{name} has no publisher",
-            _remapping(graph) or "start the lidar odometry, or `ellipseg replay` a recording",
-        )
+        remedy = "start the lidar odometry, or `ellipseg replay` a recording"
+        yield error(f"{name} has no publisher", remapping or remedy)
     elif len(publishers) > 1:
-        yield warn(
-            f"{len(publishers)} publishers of {name}: {', '.join(end.node for end in publishers)}",
-            "correct only if their clouds are registered in one frame, with one clock",
-        )
+        nodes = ", ".join(end.node for end in publishers)
+        remedy = "correct only if their clouds are registered in one frame, with one clock"
+        yield warn(f"{len(publishers)} publishers of {name}: {nodes}", remedy)
     elif publishers:
         qos = f"{publishers[0].reliability}, {publishers[0].durability}"
         yield ok(f"{name} is published by {publishers[0].node} ({qos})")
@@ -55,10 +50,8 @@ def _remapping(graph: GraphSnapshot) -> str:
     if not topics:
         return ""
     base = graph.topic.name.rpartition("/")[2]
-    return (
-        f"clouds are on {', '.join(topics)}; `ros2 run ellipseg_ros segmenter --ros-args "
-        f"-r {base}:={topics[0]}`"
-    )
+    command = f"ros2 run ellipseg_ros segmenter --ros-args -r {base}:={topics[0]}"
+    return f"clouds are on {', '.join(topics)}; `{command}`"
 
 
 def _mismatches(topic: Topic) -> Iterator[Finding]:
@@ -79,11 +72,10 @@ def _segmenters(graph: GraphSnapshot) -> Iterator[Finding]:
     namespaces = Counter(segmenter.node.rpartition("/")[0] for segmenter in graph.segmenters)
     for namespace, count in namespaces.items():
         if count > 1:
-            yield error(
-                f"{count} segmenters in the namespace {namespace or '/'} publish on the same "
-                "topics, with conflicting ids",
-                "give each a namespace: `-r __ns:=/front`",
+            text = (
+                f"{count} segmenters in the namespace {namespace or '/'} publish conflicting ids"
             )
+            yield error(text, "give each a namespace: `-r __ns:=/front`")
     if not graph.segmenters:
         yield warn(
             f"no segmenter runs in the namespace {graph.namespace}",
@@ -104,28 +96,21 @@ def _cloud_topic(graph: GraphSnapshot) -> str:
 
 def _inputs(segmenter: SegmenterInfo, graph: GraphSnapshot) -> Iterator[Finding]:
     if not segmenter.inputs:
-        yield warn(
-            f"{segmenter.node} has not subscribed to clouds yet",
-            "wait until it logs `ready`: the first start compiles its kernels, half a minute",
-        )
+        remedy = "wait until it logs `ready`: the first start compiles its kernels, half a minute"
+        yield warn(f"{segmenter.node} has not subscribed to clouds yet", remedy)
     for topic in segmenter.inputs:
-        if topic.name == graph.topic.name:
-            continue
-        if topic.publishers:
-            yield ok(f"{segmenter.node} subscribes to {topic.name}, not to {graph.topic.name}")
-        else:
-            yield error(
-                f"{segmenter.node} subscribes to {topic.name}, which has no publisher",
-                f"start it with `-r points:={_cloud_topic(graph)}`",
-            )
+        text = f"{segmenter.node} subscribes to {topic.name}"
+        if topic.name != graph.topic.name and topic.publishers:
+            yield ok(f"{text}, not to {graph.topic.name}")
+        elif topic.name != graph.topic.name:
+            remedy = f"start it with `-r points:={_cloud_topic(graph)}`"
+            yield error(f"{text}, which has no publisher", remedy)
 
 
 def _health(segmenter: SegmenterInfo, seconds: float) -> Finding:
     if segmenter.level is None:
-        return error(
-            f"no /diagnostics of {segmenter.node} within {seconds:g} s; it publishes every second",
-            "read its log; restart it if it does not respond",
-        )
+        text = f"no /diagnostics of {segmenter.node} within {seconds:g} s"
+        return error(text, "it publishes every second: read its log, restart it if it hangs")
     text = f"{segmenter.node} reports: {segmenter.message}"
     latency = segmenter.values.get("latency median [s]")
     if latency:
@@ -139,22 +124,16 @@ def _health(segmenter: SegmenterInfo, seconds: float) -> Finding:
 
 def _clock(segmenter: SegmenterInfo, graph: GraphSnapshot) -> Iterator[Finding]:
     if not segmenter.parameters:
-        yield error(
-            f"{segmenter.node} does not respond on its parameter services",
-            "read its log; with DDS security, allow the requests in the policy",
-        )
+        remedy = "read its log; with DDS security, allow the requests in the policy"
+        yield error(f"{segmenter.node} does not respond on its parameter services", remedy)
         return
     simulated = segmenter.parameters.get("use_sim_time")
     if simulated and not graph.has_clock:
-        yield warn(
-            f"{segmenter.node} has use_sim_time, and /clock has no publisher",
-            "publish it (`ros2 bag play --clock`, `ellipseg replay`), or set it to false",
-        )
+        remedy = "publish it (`ros2 bag play --clock`, `ellipseg replay`), or set it to false"
+        yield warn(f"{segmenter.node} has use_sim_time, and /clock has no publisher", remedy)
     elif graph.has_clock and not simulated:
-        yield ok(
-            f"{segmenter.node} has no use_sim_time though there is a /clock, which affects only "
-            "the stamps of its /diagnostics"
-        )
+        text = f"{segmenter.node} has no use_sim_time though there is a /clock"
+        yield ok(f"{text}, which affects only the stamps of its /diagnostics")
 
 
 def _outputs(segmenter: SegmenterInfo) -> Iterator[Finding]:
@@ -166,9 +145,7 @@ def _outputs(segmenter: SegmenterInfo) -> Iterator[Finding]:
     if subscribed:
         yield ok(f"subscribers of {segmenter.node}: {'; '.join(subscribed)}")
     else:
-        yield warn(
-            f"{segmenter.node} has no subscribers, so it builds no messages",
-            "rviz2 -d config/ellipseg.rviz, or `ros2 topic echo` of segments",
-        )
+        remedy = "rviz2 -d config/ellipseg.rviz, or `ros2 topic echo` of segments"
+        yield warn(f"{segmenter.node} has no subscribers, so it builds no messages", remedy)
     for topic in segmenter.outputs:
         yield from _mismatches(topic)

@@ -4,6 +4,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distributions, version
 from importlib.util import find_spec
@@ -14,13 +15,7 @@ from ellipseg_ros.doctor.findings import Finding, error, ok, warn
 
 MIN_PYTHON, MAX_PYTHON = (3, 10), (3, 13)
 # Module: package of pip.
-REQUIRED = {
-    "numba": "numba",
-    "numpy": "numpy",
-    "rosbags": "rosbags",
-    "tqdm": "tqdm",
-    "yaml": "PyYAML",
-}
+REQUIRED = {name: name for name in ("numba", "numpy", "rosbags", "tqdm")} | {"yaml": "PyYAML"}
 # Extra: its modules, the packages of pip, and what needs them.
 OPTIONAL = {
     "files": (("laspy", "pypcd4", "trimesh"), "cloud files (.las, .laz, .pcd, .ply)"),
@@ -51,12 +46,11 @@ def read_installation(ros_error: str) -> Installation:
         cache, kernels = _kernel_cache()
     except Exception as problem:  # ImportError, or that of numba for a wrong version of numpy
         numba_error = f"{type(problem).__name__}: {' '.join(str(problem).split())}"
-    modules = [*REQUIRED, *(name for names, _ in OPTIONAL.values() for name in names)]
+    optional = {name: name for names, _ in OPTIONAL.values() for name in names}
+    packages = {name: pip for name, pip in (REQUIRED | optional).items() if find_spec(name)}
     return Installation(
         python=sys.version_info[:2],
-        versions={
-            name: version_of(REQUIRED.get(name, name), name) for name in filter(find_spec, modules)
-        },
+        versions={name: version_of(package, name) for name, package in packages.items()},
         copies=copies(sys.path),
         cores=len(os.sched_getaffinity(0)),
         interpreted=os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"),
@@ -91,18 +85,16 @@ def _kernel_cache() -> tuple[Folder, int]:
 
     import ellipseg_ros.core.jit  # noqa: F401, it sets CACHE_DIR
 
-    folder = Path(config.CACHE_DIR)
-    count = sum(1 for _ in folder.rglob("*.nbc")) if os.path.exists(folder) else 0
-    return folder_at(str(folder)), count
+    folder = config.CACHE_DIR
+    count = sum(1 for _ in Path(folder).rglob("*.nbc")) if os.path.exists(folder) else 0
+    return folder_at(folder), count
 
 
 def check_installation(installation: Installation) -> Iterator[Finding]:
     """Findings about an installation."""
-    python = ".".join(map(str, installation.python))
-    if MIN_PYTHON <= installation.python <= MAX_PYTHON:
-        yield ok(f"Python {python}")
-    else:
-        yield error(f"Python {python}", "use 3.10 to 3.13; ROS 2 Jazzy has 3.12")
+    python = f"Python {'.'.join(map(str, installation.python))}"
+    supported = MIN_PYTHON <= installation.python <= MAX_PYTHON
+    yield ok(python) if supported else error(python, "use 3.10 to 3.13; ROS 2 Jazzy has 3.12")
     yield from _packages(installation.versions)
     yield _copies(installation.copies)
     yield from _numba(installation)
@@ -123,10 +115,8 @@ def _packages(versions: dict[str, str]) -> Iterator[Finding]:
     for extra, (modules, purpose) in OPTIONAL.items():
         missing = [name for name in modules if name not in versions]
         if missing:
-            yield warn(
-                f"not installed, and needed for {purpose} only: {', '.join(missing)}",
-                f"pip install '{NAME}[{extra}]'",
-            )
+            text = f"not installed, and needed for {purpose} only: {', '.join(missing)}"
+            yield warn(text, f"pip install '{NAME}[{extra}]'")
 
 
 def _copies(versions: dict[str, str]) -> Finding:
@@ -134,59 +124,42 @@ def _copies(versions: dict[str, str]) -> Finding:
     if len(versions) < 2:
         return ok(f"{NAME}: {', '.join(places)}")
     level = error if len(set(versions.values()) - {""}) > 1 else warn
-    return level(
-        f"{len(versions)} copies of {NAME}: {'; '.join(places)}; the first is used",
-        "keep one: a new shell, with one setup.bash or virtual environment, and no PYTHONPATH",
-    )
+    text = f"{len(versions)} copies of {NAME}: {'; '.join(places)}; the first is used"
+    return level(text, "keep one: a new shell with one setup.bash or environment, no PYTHONPATH")
 
 
 def _numba(installation: Installation) -> Iterator[Finding]:
     if installation.cache is None:
-        yield error(
-            f"numba does not load: {installation.numba_error}",
-            "pip install --upgrade numba, which also limits the version of numpy",
-        )
+        text = f"numba does not load: {installation.numba_error}"
+        yield error(text, "pip install --upgrade numba, which also limits the version of numpy")
         return
     if installation.interpreted:
-        yield error(
-            "NUMBA_DISABLE_JIT is set: kernels run as plain Python, hundreds of times slower",
-            "unset NUMBA_DISABLE_JIT",
-        )
+        text = "NUMBA_DISABLE_JIT is set: kernels run as plain Python, hundreds of times slower"
+        yield error(text, "unset NUMBA_DISABLE_JIT")
     yield _cache(installation.cache, installation.kernels)
     if installation.cores < 2:
-        yield warn(
-            "one core, shared by arriving clouds and updates",
-            "give the node two cores or more (taskset, docker --cpus)",
-        )
+        remedy = "give the node two cores or more (taskset, docker --cpus)"
+        yield warn("one core, shared by arriving clouds and updates", remedy)
     else:
         yield ok(f"{installation.cores} cores")
 
 
 def _cache(cache: Folder, kernels: int) -> Finding:
     if not cache.writable:
-        return warn(
-            f"compiled kernels can't be stored in {cache.path}: every start compiles the missing "
-            "ones, half a minute or more",
-            "set NUMBA_CACHE_DIR to a writable folder",
-        )
+        text = f"compiled kernels can't be stored in {cache.path}: every start takes half a minute"
+        return warn(text, "set NUMBA_CACHE_DIR to a writable folder")
     if cache.free < MIN_CACHE_BYTES:
-        return warn(
-            f"{cache.free / 2**20:.0f} MiB left for compiled kernels in {cache.path}",
-            "make room, or set NUMBA_CACHE_DIR to a folder on another disk",
-        )
+        text = f"{cache.free / 2**20:.0f} MiB left for compiled kernels in {cache.path}"
+        return warn(text, "make room, or set NUMBA_CACHE_DIR to a folder on another disk")
     if not kernels:
-        return warn(
-            f"no compiled kernels yet in {cache.path}: the first start takes half a minute",
-            "start once before the drive, or run `ellipseg demo`",
-        )
+        text = f"no compiled kernels yet in {cache.path}: the first start takes half a minute"
+        return warn(text, "start once before the drive, or run `ellipseg demo`")
     return ok(f"{kernels} compiled kernels in {cache.path}")
 
 
 def version_of(package: str, module: str) -> str:
     """The installed version; empty if pip does not know it."""
     for name in (package, module.partition(".")[0]):
-        try:
+        with suppress(PackageNotFoundError):
             return version(name)
-        except PackageNotFoundError:
-            continue
     return ""

@@ -293,7 +293,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_invalid_input_is_one_line(tune, name, monkeypatch):
-    monkeypatch.setattr(parallel, "PATIENCE", 1)
+    monkeypatch.setattr(parallel, "SCHEDULER_TIMEOUT_S", 1)
     Path("foreign.txt").write_text("mine")
     words, reason = ERRORS[name]
     found = tune(*words, "-q")
