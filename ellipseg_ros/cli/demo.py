@@ -5,7 +5,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ellipseg_ros.cli.isolation import LOCALHOST_ONLY, environment_variables, reserved_domain
@@ -109,8 +109,8 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
     node_args = [*namespace, "--params-file", str(folder / PARAMETERS)]
     write_text(folder / PARAMETERS, as_yaml(settings.config, settings.node))
     period = settings.config.update_period
-    pace = {"rate": 0.0, "ahead": AHEAD * period, "update_period": period}
-    options = ReplayOptions(**pace, clock=False, update_timeout=UPDATE_TIMEOUT_S)
+    options = ReplayOptions(rate=0.0, clock=False, update_timeout=UPDATE_TIMEOUT_S)
+    options = replace(options, ahead=AHEAD * period, update_period=period)
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / BAG, settings.node))
         recorder = stack.enter_context(Recorder(bag, client_args))

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.memory import peak_mb, resident_mb
+from ellipseg_ros.node.memory import peak_mb
 
 PROGRAM = """
 import ctypes, signal, sys
@@ -58,32 +58,22 @@ class NodeProcess:
         if code:
             raise EllipsegError(f"the node ended with {code}; see {self._log}")
 
-    def kill(self) -> None:
-        """End it as a crash does."""
-        self._stopping = True
-        self._started.kill()
-        self._started.wait()
-
-    def memory_mb(self) -> float:
-        """Present resident memory, in MB (10^6 bytes)."""
-        return resident_mb(self._started.pid)
-
     def peak_memory_mb(self) -> float:
         """Peak resident memory, in MB (10^6 bytes)."""
-        return peak_mb(self._started.pid)
+        return peak_mb(self.pid)
 
     @property
-    def _started(self) -> "subprocess.Popen[bytes]":
+    def pid(self) -> int:
+        """The number of the started process."""
         assert self._process is not None, "call `start` first"
-        return self._process
+        return self._process.pid
 
     def _end(self) -> int:
         self._stopping = True
         process = self._process
         if process is None:
             return 0
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)  # no effect if it has ended
         try:
             return process.wait(SHUTDOWN_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -150,7 +150,8 @@ def _rows(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "source", f"{summary['source']} (frame {summary['frame_id'] or 'not named'})"
     yield "criterion", f"{summary['criterion']}, threshold {summary['threshold']:g}"
     yield from _run_rows(summary)
-    yield from _window_rows(summary["window"]) if summary["window"] else ()
+    if summary["window"]:
+        yield from _window_rows(summary["window"])
     yield from summary.get("checks", {}).items()
     paths = [Path(path) for path in summary["files"]]
     yield "wrote", f"{paths[0].parent}/: {', '.join(path.name for path in paths)}"

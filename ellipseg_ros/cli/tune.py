@@ -6,18 +6,12 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+from ellipseg_ros.cli import tune_results
 from ellipseg_ros.cli.report import print_status, progress_bar
 from ellipseg_ros.cli.results import prepare, require_plots
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
-from ellipseg_ros.cli.tune_results import (
-    NAMES,
-    WINDOWS,
-    CurveStore,
-    TuningRun,
-    finish,
-    print_tuning,
-)
+from ellipseg_ros.cli.tune_results import CurveStore, TuningRun
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError, EllipsegError
 from ellipseg_ros.io.sources import Source
@@ -43,38 +37,33 @@ def run(args: Namespace) -> int:
     first = next(iter(sources.values()))
     folder = Path(args.output or f"{first.name}_tuned")
     for spec in sources:
-        prepare(folder, spec, NAMES, keep=(WINDOWS,))
+        prepare(folder, spec, tune_results.NAMES, keep=(tune_results.WINDOWS,))
     print_status("compiling kernels, which takes longer the first time ...", args)
     warm_up()
     tuning = TuningRun(list(sources), settings, criteria)
-    _run_all(sources, search, tuning, CurveStore(folder), args)
+    tasks, total = _tasks(sources, search, tuning, args), _expected(sources, settings, args)
+    _run_all(tasks, total, tuning, CurveStore(folder), args)
     if not tuning.results:
         raise EllipsegError(f"no window could be tuned: {'; '.join(tuning.problems[:3])}")
-    finish(folder, tuning, args)
-    print_tuning(tuning, args)
+    tune_results.finish(folder, tuning, args)
+    tune_results.print_tuning(tuning, args)
     return 1 if tuning.problems else 0
 
 
 def _search(args: Namespace) -> Search:
     """The thresholds to try, from the command line or by default."""
-    names = ("lowest", "highest", "count")
-    options = {name: getattr(args, name) for name in names}
+    options = {"lowest": args.lowest, "highest": args.highest, "count": args.count}
     return Search(**{name: value for name, value in options.items() if value is not None})
 
 
 def _run_all(
-    sources: dict[str, Source],
-    search: Search,
-    tuning: TuningRun,
-    store: CurveStore,
-    args: Namespace,
+    tasks: Iterator[Task], total: int | None, tuning: TuningRun, store: CurveStore, args: Namespace
 ) -> None:
     """Tune every window that is not in the store; store each as soon as it is finished."""
-    total = _expected(sources, tuning.settings, args)
     with progress_bar(total, "windows", args) as bar, _workers(total, args) as workers:
 
         def unfinished() -> Iterator[Task]:
-            for task in _tasks(sources, search, tuning, args):
+            for task in tasks:
                 curves = store.get(task.key)
                 if curves is None:
                     yield task

@@ -4,7 +4,7 @@ import csv
 import json
 from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing, write_text
 from ellipseg_ros.settings import flatten
 from ellipseg_ros.tuning.choice import Choice, choose
-from ellipseg_ros.tuning.curve import COLUMNS, curve_from
+from ellipseg_ros.tuning.curve import COLUMNS, Curve, curve_from
 from ellipseg_ros.tuning.tasks import Curves, as_json, in_force
 from ellipseg_ros.tuning.windows import Cut
 
@@ -85,13 +85,12 @@ class TuningRun:
 
     def choices(self) -> dict[str, Choice]:
         """The chosen threshold of every criterion."""
-        return {
-            name: choose(
-                [result.curves[name] for result in self.results],
-                in_force(self.settings.config, name).tau,
-            )
-            for name in self.criteria
-        }
+        present = {name: in_force(self.settings.config, name).tau for name in self.criteria}
+        return {name: choose(self.curves(name), tau) for name, tau in present.items()}
+
+    def curves(self, criterion: str) -> list[Curve]:
+        """The curves of all windows by one criterion."""
+        return [result.curves[criterion] for result in self.results]
 
     def summary(self) -> Summary:
         """JSON-ready."""
@@ -103,10 +102,7 @@ class TuningRun:
             "finished_before": self.reused,
             "problems": self.problems,
             "choices": {name: asdict(choice) for name, choice in self.choices().items()},
-            "curves": [
-                asdict(replace(result, curves={})) | {"curves": as_json(result.curves)}
-                for result in self.results
-            ],
+            "curves": [vars(r) | {"curves": as_json(r.curves)} for r in self.results],
         }
 
 
@@ -115,15 +111,16 @@ def finish(folder: Path, tuning: TuningRun, args: Namespace) -> None:
     write_summary(tuning.summary(), folder / SUMMARY)
     with replacing(folder / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(_table(tuning))
-    for name, choice in tuning.choices().items():
+    choices = tuning.choices()
+    for name, choice in choices.items():
         write_text(folder / PARAMETERS[name], parameters(tuning, choice))
     if not args.no_pictures:
         from ellipseg_ros.plots import tuning as charts
 
         print_status("drawing ...", args)
-        for name, choice in tuning.choices().items():
-            curves = [result.curves[name] for result in tuning.results]
-            charts.draw_tuning(curves, choice, [folder / f"{name}.{k}" for k in ("png", "svg")])
+        for name, choice in choices.items():
+            paths = [folder / f"{name}.{kind}" for kind in ("png", "svg")]
+            charts.draw_tuning(tuning.curves(name), choice, paths)
     print_status(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
 
 
@@ -133,12 +130,9 @@ def parameters(tuning: TuningRun, choice: Choice) -> str:
     defaults = Settings().flat()
     nested: dict[str, Any] = {}
     for name, value in (tuning.settings.flat() | tuned).items():
-        *path, last = name.split(".")
         if value != defaults[name] or name in tuned:
-            group = nested
-            for part in path:
-                group = group.setdefault(part, {})
-            group[last] = value
+            group, _, last = name.rpartition(".")
+            (nested.setdefault(group, {}) if group else nested)[last] = value
     head = (
         f"# Tuned on {choice.windows} windows: mean loss {choice.mean_loss:.4f}, "
         f"worst {choice.worst_loss:.4f}.\n# All other parameters have their defaults.\n"
@@ -148,20 +142,19 @@ def parameters(tuning: TuningRun, choice: Choice) -> str:
 
 def print_tuning(tuning: TuningRun, args: Namespace) -> None:
     """Print minima and choices as JSON or as a table; nothing with --quiet."""
-    lines = [*_windows(tuning), "", *_choices(tuning)]
-    print_results(tuning.summary(), lambda _: lines, args)
+    print_results(tuning.summary(), [*_windows(tuning), "", *_choices(tuning)], args)
 
 
 def _table(tuning: TuningRun) -> Iterator[list[Any]]:
     """Rows of the CSV file: every threshold of every window and criterion."""
-    head = ["source", "window", "start_s", "end_s", "criterion", "points", "singletons"]
-    yield [*head, *COLUMNS]
+    first = ["source", "window", "start_s", "end_s", "criterion", "points", "singletons"]
+    yield [*first, *COLUMNS]
     for result in tuning.results:
         for name, curve in result.curves.items():
-            first = [result.source, result.window, result.start_s, result.end_s, name]
+            window = [result.source, result.window, result.start_s, result.end_s]
             columns = [getattr(curve, column).tolist() for column in COLUMNS]
             for row in zip(*columns, strict=True):
-                yield [*first, curve.points, curve.singletons, *row]
+                yield [*window, name, curve.points, curve.singletons, *row]
 
 
 def _windows(tuning: TuningRun) -> Iterator[str]:
@@ -171,20 +164,16 @@ def _windows(tuning: TuningRun) -> Iterator[str]:
         f"{'merged':>7} {'AICc':>12} {'variance':>12} {'bias':>10} {'loss set':>8}"
     )
     for result in tuning.results:
+        source = result.source if len(result.source) <= 24 else f"...{result.source[-21:]}"
         for name, curve in result.curves.items():
             best = curve.best
             present_loss = curve.loss[curve.row(in_force(tuning.settings.config, name).tau)]
             yield (
-                f"{_short(result.source):<24} {result.start_s:>6.1f}-{result.end_s:>5.1f} s "
+                f"{source:<24} {result.start_s:>6.1f}-{result.end_s:>5.1f} s "
                 f"{name:<9} {curve.threshold[best]:>10.4g} {curve.count[best]:>10,} "
                 f"{curve.completion[best]:>7.1%} {curve.aicc[best]:>12.6g} "
                 f"{curve.variance[best]:>12.6g} {curve.bias[best]:>10.5g} {present_loss:>8.4f}"
             )
-
-
-def _short(source: str) -> str:
-    """The last characters of a long path."""
-    return source if len(source) <= 24 else f"...{source[-21:]}"
 
 
 def _choices(tuning: TuningRun) -> Iterator[str]:
@@ -195,13 +184,12 @@ def _choices(tuning: TuningRun) -> Iterator[str]:
             f"{choice.worst_loss:.4f} over {choice.windows} windows, whose minima lie from "
             f"{choice.lowest_minimum:.4g} to {choice.highest_minimum:.4g}"
         )
-        yield (
-            f"  {choice.present:g} as set now: mean loss {choice.present_mean_loss:.4f}, worst "
-            f"{choice.present_worst_loss:.4f}"
+        present = (
+            f"mean loss {choice.present_mean_loss:.4f}, worst {choice.present_worst_loss:.4f}"
         )
+        yield f"  {choice.present:g} as set now: {present}"
         if choice.at_end:
             yield "  a minimum is at the end of the thresholds tried: extend them, --from, --to"
     if tuning.reused:
         yield f"{tuning.reused} windows were reused from an earlier run"
-    for problem in tuning.problems:
-        yield f"failed: {problem}"
+    yield from (f"failed: {problem}" for problem in tuning.problems)

@@ -34,9 +34,8 @@ def recorded_updates(bag: Path) -> Iterator[RecordedUpdate]:
     arrays = read_messages(bag, "/segments")
     landmarks = {msg.sequence: data for data, msg in read_messages(bag, "/landmarks")}
     for (cloud, cloud_msg), (segments, msg) in zip(clouds, arrays, strict=False):
-        points = read_fields(cloud_msg)
-        parts = (points["label"], points["object"], segments, landmarks.get(msg.sequence), msg)
-        yield RecordedUpdate(cloud, *parts)
+        fields, of_update = read_fields(cloud_msg), landmarks.get(msg.sequence)
+        yield RecordedUpdate(cloud, fields["label"], fields["object"], segments, of_update, msg)
 
 
 def equal(received: bytes, sent: bytes) -> bool:

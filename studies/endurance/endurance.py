@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from threading import Timer
 from typing import Any
 
@@ -16,7 +17,7 @@ from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_fields
 from ellipseg_ros.io.topics import BAG_TOPICS
 from ellipseg_ros.node.grouping import Grouping, updates
-from ellipseg_ros.node.memory import state_bytes
+from ellipseg_ros.node.memory import resident_mb, state_bytes
 from ellipseg_ros.records import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.segmenter import Segmenter
@@ -116,7 +117,7 @@ def _replayed(source: EndlessDrive, length: Length, options: Options) -> Drive:
         lossless(source, _config(length), drive.latest, settings) as session,
         SubscriberProcess(session.ros_args) as subscriber,
     ):
-        drive.latest.memory_mb = session.node.memory_mb
+        drive.latest.memory_mb = partial(resident_mb, session.node.pid)
         subscriber.wait_for_topics(START_TIMEOUT_S)
         note = _note(drive, session.recorder, subscriber, length, options)
         session.replayer.run(note)

@@ -1,6 +1,8 @@
 """Subject `kills`: SIGKILL of node, replayer, subscriber and bag writer."""
 
+import os
 import random
+import signal
 import time
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -63,7 +65,7 @@ def killed_nodes(options: Options) -> list[Requirement]:
                     time.sleep(rng.uniform(0.0, 3.0 * UPDATE_PERIOD))
                 else:
                     time.sleep(rng.uniform(0.0, restarts.seconds[0]))
-                process.kill()
+                os.kill(process.pid, signal.SIGKILL)
         lifetimes = test_rig.subscriber.lifetimes_s
     return restart_requirements(restarts, lifetimes, count)
 
