@@ -3,6 +3,7 @@
 import numbers
 from collections.abc import Callable, Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 from ellipseg_ros.errors import ConfigError
@@ -31,6 +32,9 @@ class Setting:
 def setting(default: Any, *about: Any, **options: Any) -> Any:
     """A dataclass field with the metadata Setting(*about, **options)."""
     return field(default=default, metadata={"setting": Setting(*about, **options)})
+
+
+fixed = partial(setting, live=False)  # a setting that can't change while the node runs
 
 
 @dataclass(frozen=True)

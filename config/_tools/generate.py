@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
 from ellipseg_ros.io.topics import NODES, SERVICES, TOPICS
-from ellipseg_ros.ros.parameters import as_yaml
+from ellipseg_ros.settings import Checked, Setting, iterate_settings
 
 FOLDER = Path(__file__).resolve().parents[1]
 # Every node has these in addition to the tables.
@@ -50,6 +50,43 @@ def files() -> dict[Path, str]:
         ),
         FOLDER / "sros2" / "ellipseg.policy.xml": policy(),
     }
+
+
+def as_yaml(*records: Checked, node: str = "segmenter") -> str:
+    """Parameter file with every setting, its meaning and limits, as in config/."""
+    lines = [
+        f"# Every parameter of the {node} and its default; written from ellipseg_ros/config.py.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    section: list[str] = []
+    for record in records:
+        for name, value, about in iterate_settings(record):
+            *path, last = name.split(".")
+            if path != section:
+                lines += [f"    {'  ' * k}{part}:" for k, part in enumerate(path)]
+                section = path
+            indent = "    " + "  " * len(path)
+            lines += [f"{indent}# {line}" for line in _comment(about)]
+            shown = str(value).lower() if isinstance(value, bool) else value
+            if value == "":
+                shown = '""'
+            lines.append(f"{indent}{last}: {shown}")
+    return "\n".join(lines) + "\n"
+
+
+def _comment(about: Setting) -> list[str]:
+    """Meaning, unit and limits of a setting."""
+    limits = []
+    if about.choices:
+        limits.append("one of " + ", ".join(about.choices))
+    if about.low is not None:
+        top = "" if about.high is None else f" to {about.high:g}"
+        limits.append(f"from {about.low:g}{top}")
+    if not about.live:
+        limits.append("fixed while the node runs")
+    text = f"{about.about} [{about.unit}]" if about.unit else about.about
+    return [text, *(["; ".join(limits)] if limits else [])]
 
 
 def policy() -> str:

@@ -13,7 +13,7 @@ from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
 from ellipseg_ros.cli.report import Meter, Progress, heading, print_status, progress_bar
 from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare, require_plots
 from ellipseg_ros.cli.segment import run_updates
-from ellipseg_ros.cli.settings import Settings, read_settings, with_settings
+from ellipseg_ros.cli.settings import Settings, parameter_file, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.cli.verification import Verification, recorded_updates
 from ellipseg_ros.io.atomic_files import write_text
@@ -22,7 +22,6 @@ from ellipseg_ros.io.sources import Source
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.playback import ReplayOptions, ReplaySummary
 from ellipseg_ros.records import Sweep
-from ellipseg_ros.ros.parameters import as_yaml
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.ros.replayer import Replayer
 from ellipseg_ros.segmenter import warm_up
@@ -107,7 +106,7 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
     namespace = ["--ros-args", "-r", f"__ns:={name}", "-r", f"/diagnostics:={name}/diagnostics"]
     client_args = [*namespace, "--log-level", "warn"]
     node_args = [*namespace, "--params-file", str(folder / PARAMETERS)]
-    write_text(folder / PARAMETERS, as_yaml(settings.config, settings.node))
+    write_text(folder / PARAMETERS, parameter_file(settings.flat()))
     period = settings.config.update_period
     options = ReplayOptions(rate=0.0, clock=False, update_timeout=UPDATE_TIMEOUT_S)
     options = replace(options, ahead=AHEAD * period, update_period=period)

@@ -1,6 +1,7 @@
 """The parameters that a command line asks for: defaults, then a file, then options."""
 
 from argparse import Namespace
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,18 @@ def with_settings(settings: Settings, values: dict[str, Any]) -> Settings:
     typed = {name: _typed(name, value, defaults[name]) for name, value in values.items()}
     of_node = {name: typed.pop(name) for name in flatten(settings.node) if name in typed}
     return Settings(with_values(settings.config, typed), with_values(settings.node, of_node))
+
+
+def parameter_file(values: Mapping[str, Any]) -> str:
+    """The text of a ROS parameter file with settings by dotted name."""
+    parameters: dict[str, Any] = {}
+    for name, value in values.items():
+        *path, last = name.split(".")
+        group = parameters
+        for part in path:
+            group = group.setdefault(part, {})
+        group[last] = value
+    return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)
 
 
 def _typed(name: str, value: Any, default: Value | None) -> Any:

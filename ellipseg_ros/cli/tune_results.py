@@ -9,10 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ellipseg_ros.cli.report import Summary, print_results, print_status, write_summary
-from ellipseg_ros.cli.settings import Settings
+from ellipseg_ros.cli.settings import Settings, parameter_file
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.atomic_files import replacing, write_text
 from ellipseg_ros.settings import flatten
@@ -128,16 +126,16 @@ def parameters(tuning: TuningRun, choice: Choice) -> str:
     """A parameter file for the node: the tuned threshold, and the settings it was tuned with."""
     tuned = {"criterion": choice.criterion, "threshold": choice.threshold}
     defaults = Settings().flat()
-    nested: dict[str, Any] = {}
-    for name, value in (tuning.settings.flat() | tuned).items():
-        if value != defaults[name] or name in tuned:
-            group, _, last = name.rpartition(".")
-            (nested.setdefault(group, {}) if group else nested)[last] = value
+    changed = {
+        name: value
+        for name, value in (tuning.settings.flat() | tuned).items()
+        if value != defaults[name] or name in tuned
+    }
     head = (
         f"# Tuned on {choice.windows} windows: mean loss {choice.mean_loss:.4f}, "
         f"worst {choice.worst_loss:.4f}.\n# All other parameters have their defaults.\n"
     )
-    return head + yaml.safe_dump({"/**": {"ros__parameters": nested}}, sort_keys=False)
+    return head + parameter_file(changed)
 
 
 def print_tuning(tuning: TuningRun, args: Namespace) -> None:

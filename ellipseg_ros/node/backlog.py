@@ -55,7 +55,8 @@ class Batch:
 
     def __init__(self, update: Update) -> None:
         self._updates = deque([update])
-        self._layout = _layout(update.sweep)
+        fields = update.sweep.fields
+        self._layout: Layout = None if fields is None else fields.dtype
         self.restart = update.sweep.restart  # of the first group, which may have been evicted
         self.points = len(update.sweep)
 
@@ -85,10 +86,6 @@ class Batch:
         return replace(last, sweep=replace(sweep, restart=self.restart), arrival=first.arrival)
 
 
-def _layout(sweep: Sweep) -> Layout:
-    return None if sweep.fields is None else sweep.fields.dtype
-
-
 Entry: TypeAlias = Batch | Reset | Resend
 
 
@@ -103,7 +100,7 @@ class Backlog:
     def __init__(self) -> None:
         self._entries: deque[Entry] = deque()
         self._changed = Condition()
-        self._closed = False
+        self.closed = False  # whether `close` was called
 
     def put(self, task: Task, max_updates: int = 0) -> Overload | None:
         """Append a task; return what the limit did, if anything. max_updates = 0: no limit.
@@ -134,21 +131,16 @@ class Backlog:
     def get(self, timeout: float) -> Task | None:
         """Wait for the next task; None after `timeout` s, and immediately when closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._entries or self._closed, timeout)
-            entry = self._entries.popleft() if self._entries and not self._closed else None
+            self._changed.wait_for(lambda: self._entries or self.closed, timeout)
+            entry = self._entries.popleft() if self._entries and not self.closed else None
         # Joining takes time, in which clouds must not be blocked.
         return entry.joined() if isinstance(entry, Batch) else entry
 
     def close(self) -> None:
         """Make `get` return None from now on."""
         with self._changed:
-            self._closed = True
+            self.closed = True
             self._changed.notify_all()
-
-    @property
-    def closed(self) -> bool:
-        """Whether `close` was called."""
-        return self._closed
 
     def waiting(self) -> int:
         """Number of waiting updates."""
@@ -157,7 +149,10 @@ class Backlog:
 
 def _coalesce(entries: list[Entry]) -> tuple[deque[Entry], Overload]:
     """Coalesce the updates since the last restart, and drop all entries before it."""
-    start = max((k for k, entry in enumerate(entries) if _restarts(entry)), default=0)
+    start = 0
+    for k, entry in enumerate(entries):
+        if isinstance(entry, Reset) or (isinstance(entry, Batch) and entry.restart):
+            start = k
     dropped = [entry for entry in entries[:start] if isinstance(entry, Batch)]
     kept = [entry for entry in entries[start:] if isinstance(entry, Batch)]
     others: list[Entry] = [entry for entry in entries[start:] if not isinstance(entry, Batch)]
@@ -170,7 +165,3 @@ def _coalesce(entries: list[Entry]) -> tuple[deque[Entry], Overload]:
         evicted=kept[0].evict() if kept else 0,
     )
     return deque([*others, *kept[:1]]), overload
-
-
-def _restarts(entry: Entry) -> bool:
-    return isinstance(entry, Reset) or (isinstance(entry, Batch) and bool(entry.restart))

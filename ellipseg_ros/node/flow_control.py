@@ -34,29 +34,21 @@ class FlowControl:
 
     def send(self, sweep: Sweep) -> None:
         """Register a cloud that is sent."""
-        rows = min(1, len(sweep))  # grouping depends on the stamps and fields only
-        token = Sweep(
-            sweep.stamp_ns,
-            np.zeros((rows, 3)),
-            np.full(rows, sweep.offsets_ns.max(initial=np.iinfo(np.int64).min)),
-            None if sweep.fields is None else sweep.fields[:rows],
-            sweep.frame_id,
-            sweep.restart,
-        )
-        for group in self._grouping.push(token):
+        newest = [sweep.offsets_ns.argmax()] if len(sweep) else []
+        # The newest point is enough: grouping depends on the stamps and fields only.
+        for group in self._grouping.push(sweep.keep(np.array(newest, int))):
             self._expect(group)
 
     def acknowledge(self, end_ns: int) -> None:
         """Register a published update whose newest point is of `end_ns`."""
-        for run, end in self._outstanding:
-            if end == end_ns:
-                return self._remove_until(run, end)
-        # Not a predicted one: the node has another update period.
-        if self._outstanding:
-            first = self._outstanding[0][0]
-            while self._outstanding and self._outstanding[0] <= (first, end_ns):
-                self._remove_until(*self._outstanding[0])
-        return None
+        if not self._outstanding:
+            return
+        unpredicted = (self._outstanding[0][0], end_ns)  # the node has another update period
+        last = next((item for item in self._outstanding if item[1] == end_ns), unpredicted)
+        while self._outstanding and self._outstanding[0] <= last:
+            run, end = self._outstanding.popleft()
+            if run == self._run:
+                self._acknowledged_ns = max(self._acknowledged_ns, end)
 
     def abandon(self) -> int:
         """Expect no more of the outstanding updates; return their number."""
@@ -82,9 +74,3 @@ class FlowControl:
             self._end_ns = group.stamp_ns
         self._outstanding.append((self._run, self._end_ns))
         self.updates += 1
-
-    def _remove_until(self, run: int, end: int) -> None:
-        while self._outstanding and self._outstanding[0] <= (run, end):
-            self._outstanding.popleft()
-        if run == self._run:
-            self._acknowledged_ns = max(self._acknowledged_ns, end)

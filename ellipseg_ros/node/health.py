@@ -20,6 +20,23 @@ INPUT_TIMEOUT_S = 5.0  # without input, before a warning
 UPDATE_TIMEOUT_S = 60.0  # of one update, before an error
 LATE_UPDATES = 3  # consecutive late updates before a warning
 TIMED_UPDATES = 100  # updates whose times give the median and the 99th percentile
+REASON = "clouds rejected: "  # prefix of the counters of rejected clouds by reason
+COUNTERS = {  # by key of /diagnostics
+    "clouds received": "clouds",
+    "clouds rejected": "rejected",
+    "clouds lost by DDS": "lost",
+    "clouds with stalled stamps": "stalled",
+    "stamp gaps": "gaps",
+    "points late": "late",
+    "points evicted": "evicted",
+    "points dropped": "points_dropped",
+    "updates": "updates",
+    "updates coalesced": "coalesced",
+    "updates dropped": "dropped",
+    "restarts": "restarts",
+    "threshold changes": "threshold_changes",
+    "tunings": "tunings",
+}
 
 
 @dataclass(frozen=True)
@@ -48,8 +65,6 @@ class Health:
         self._lock = Lock()
         self._total: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
-        self._rejected: Counter[str] = Counter()  # by reason
-        self._reported_rejected: Counter[str] = Counter()
         self._start = self._report_time = self._cloud_time = time.monotonic()
         self._ready = False
         self._work_start: float | None = None  # s, monotonic clock; None: the worker is idle
@@ -59,10 +74,7 @@ class Health:
         self._latency: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._processing: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._window: dict[str, str] = {}
-        self._stalled = 0  # clouds since the last one with a newer stamp
-        self._last_restart = ""
-        self._last_threshold_change = ""
-        self._last_tuning = ""
+        self._last = dict.fromkeys(("last restart", "last threshold change", "last tuning"), "")
         self.other_publishers = 0  # other nodes that publish `segments`
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
 
@@ -89,23 +101,17 @@ class Health:
     def stamps(self, stalled: int, gaps: int) -> None:
         """Take over the counters of a StampMonitor."""
         with self._lock:
-            self._stalled = stalled
-            self._total["gaps"] = gaps
+            self._total["stalled"], self._total["gaps"] = stalled, gaps
 
     def rejected(self, reason: str) -> None:
         """Count an invalid cloud."""
         with self._lock:
-            self._total["refused"] += 1
-            self._count_rejected(reason)
+            self._total.update(["refused", "rejected", REASON + reason])
 
     def group_rejected(self, reason: str) -> None:
         """Count valid clouds that can't be used together, as one."""
         with self._lock:
-            self._count_rejected(reason)
-
-    def _count_rejected(self, reason: str) -> None:
-        self._total["rejected"] += 1
-        self._rejected[reason] += 1
+            self._total.update(["rejected", REASON + reason])
 
     def count(self, **counts: int) -> None:
         """Add to counters: lost (clouds) or the fields of an Overload."""
@@ -134,11 +140,11 @@ class Health:
             self._total["evicted"] += segmentation.evicted
             if segmentation.restart:
                 self._total["restarts"] += 1
-                self._last_restart = segmentation.restart
+                self._last["last restart"] = segmentation.restart
             if segmentation.threshold_change:
-                self._total["threshold changes"] += 1
+                self._total["threshold_changes"] += 1
                 change = f"{segmentation.threshold_change}: {segmentation.threshold:.6g}"
-                self._last_threshold_change = change
+                self._last["last threshold change"] = change
             self._window = _describe_window(segmentation)
 
     def tuned(self, curve: Curve, seconds: float) -> None:
@@ -146,7 +152,8 @@ class Health:
         with self._lock:
             self._total["tunings"] += 1
             best = curve.threshold[curve.best]
-            self._last_tuning = f"{curve.criterion}: least AICc at {best:.6g}; {seconds:.2f} s"
+            outcome = f"{curve.criterion}: least AICc at {best:.6g}; {seconds:.2f} s"
+            self._last["last tuning"] = outcome
 
     def report(self, waiting: int, now_ns: int | None = None) -> Report:
         """Summarize the time since the last report.
@@ -159,8 +166,17 @@ class Health:
             rate = new["clouds"] / max(now - self._report_time, 1e-9)
             level, message = self._judge(new, now)
             self._reported, self._report_time = self._total.copy(), now
-            self._reported_rejected = self._rejected.copy()
-            values = {**self._values(rate, waiting), **self._ages(now, now_ns)}
+            values = {
+                "input rate [1/s]": f"{rate:.2f}",
+                "updates in backlog": str(waiting),
+                **{key: str(self._total[name]) for key, name in COUNTERS.items()},
+                **{key: str(self._total[key]) for key in _reasons(self._total)},
+                **self._last,
+                **quantiles("processing", self._processing),
+                **quantiles("latency", self._latency),
+                **self._window,
+                **self._ages(now, now_ns),
+            }
             return Report(level, message, values)
 
     def _judge(self, new: Counter[str], now: float) -> tuple[int, str]:
@@ -168,8 +184,8 @@ class Health:
         if busy > UPDATE_TIMEOUT_S:
             return ERROR, f"the current update has taken {busy:.0f} s so far"
         if new["clouds"] and new["refused"] >= new["clouds"]:
-            reasons = sorted(self._rejected - self._reported_rejected)
-            return ERROR, f"every cloud is rejected: {', '.join(reasons)}"
+            reasons = ", ".join(key.removeprefix(REASON) for key in _reasons(new))
+            return ERROR, f"every cloud is rejected: {reasons}"
         warnings = [*self._input_warnings(new, now), *self._load_warnings(new)]
         if self.other_publishers:
             warnings.append(f"{self.other_publishers} other nodes publish segments")
@@ -187,12 +203,13 @@ class Health:
         for name in ("rejected", "lost"):
             if new[name]:
                 yield f"{new[name]} clouds {name}"
-        if self._stalled >= STALLED_CLOUDS:
-            yield f"stamps do not advance: {self._stalled} clouds are no newer"
+        stalled = self._total["stalled"]
+        if stalled >= STALLED_CLOUDS:
+            yield f"stamps do not advance: {stalled} clouds are no newer"
         if new["gaps"]:
             yield "stamps jumped forward by more than the window"
         if new["restarts"] > 1:
-            yield f"the window restarted {new['restarts']} times: {self._last_restart}"
+            yield f"the window restarted {new['restarts']} times: {self._last['last restart']}"
         if self.sensor_frame:
             yield f"frame {self.sensor_frame} looks like a sensor's"
 
@@ -225,33 +242,10 @@ class Health:
                 ages["age of the newest point [s]"] = f"{(now_ns - self._newest_ns) / SECOND:.1f}"
         return ages
 
-    def _values(self, rate: float, waiting: int) -> dict[str, str]:
-        total = self._total
-        return {
-            "input rate [1/s]": f"{rate:.2f}",
-            "clouds received": str(total["clouds"]),
-            "clouds rejected": str(total["rejected"]),
-            **{f"clouds rejected: {why}": str(n) for why, n in sorted(self._rejected.items())},
-            "clouds lost by DDS": str(total["lost"]),
-            "clouds with stalled stamps": str(self._stalled),
-            "stamp gaps": str(total["gaps"]),
-            "points late": str(total["late"]),
-            "points evicted": str(total["evicted"]),
-            "points dropped": str(total["points_dropped"]),
-            "updates": str(total["updates"]),
-            "updates in backlog": str(waiting),
-            "updates coalesced": str(total["coalesced"]),
-            "updates dropped": str(total["dropped"]),
-            "restarts": str(total["restarts"]),
-            "last restart": self._last_restart,
-            "threshold changes": str(total["threshold changes"]),
-            "last threshold change": self._last_threshold_change,
-            "tunings": str(total["tunings"]),
-            "last tuning": self._last_tuning,
-            **quantiles("processing", self._processing),
-            **quantiles("latency", self._latency),
-            **self._window,
-        }
+
+def _reasons(counts: Counter[str]) -> list[str]:
+    """Names of the counters of rejected clouds by reason, sorted."""
+    return sorted(name for name in counts if name.startswith(REASON))
 
 
 def quantiles(name: str, seconds: deque[float]) -> dict[str, str]:

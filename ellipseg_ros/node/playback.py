@@ -8,55 +8,39 @@ from threading import Condition
 from ellipseg_ros.config import Config
 from ellipseg_ros.node.flow_control import FlowControl
 from ellipseg_ros.records import SECOND, Sweep
-from ellipseg_ros.settings import Checked, setting
+from ellipseg_ros.settings import Checked, fixed
 
 
 @dataclass(frozen=True)
 class ReplayOptions(Checked):
     """Settings of a replay."""
 
-    rate: float = setting(
-        1.0,
-        "speed of the replay; 0: as fast as `ahead` allows",
-        "x real time",
-        0.0,
-        1000.0,
-        live=False,
+    rate: float = fixed(
+        1.0, "speed of the replay; 0: as fast as `ahead` allows", "x real time", 0.0, 1000.0
     )
-    loop: bool = setting(
-        False, "start again at the end; the stamps jump back, and the window restarts", live=False
+    loop: bool = fixed(
+        False, "start again at the end; the stamps jump back, and the window restarts"
     )
-    start_paused: bool = setting(
-        False, "wait for the service ~/pause before the first cloud", live=False
-    )
-    wait_for_subscriber: bool = setting(
-        True, "wait for a subscriber before the first cloud", live=False
-    )
-    clock: bool = setting(True, "publish the stamps on /clock", live=False)
-    ahead: float = setting(
+    start_paused: bool = fixed(False, "wait for the service ~/pause before the first cloud")
+    wait_for_subscriber: bool = fixed(True, "wait for a subscriber before the first cloud")
+    clock: bool = fixed(True, "publish the stamps on /clock")
+    ahead: float = fixed(
         0.0,
         "maximum sensor time between a cloud and the last update that `segments` acknowledges, "
         "so that none is lost; 0: no flow control",
         "s",
         0.0,
         3600.0,
-        live=False,
     )
-    update_period: float = setting(
-        Config().update_period,
-        "update_period of the node, for `ahead`",
-        "s",
-        0.001,
-        3600.0,
-        live=False,
+    update_period: float = fixed(
+        Config().update_period, "update_period of the node, for `ahead`", "s", 0.001, 3600.0
     )
-    update_timeout: float = setting(
+    update_timeout: float = fixed(
         60.0,
         "with `ahead`: longest wait for an update; then the replay continues without it",
         "s",
         0.1,
         86400.0,
-        live=False,
     )
 
 

@@ -2,71 +2,58 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from threading import Thread
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ellipseg_ros.association.associate import associate, warm_up
 from ellipseg_ros.association.landmark_map import LandmarkMap
 from ellipseg_ros.config import AssociationConfig, AssociatorConfig, MapConfig
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.io import topics
 from ellipseg_ros.io.landmark_messages import read_landmarks
 from ellipseg_ros.io.limits import check_name, read_stamp
 from ellipseg_ros.io.map_file import read_map, write_map
-from ellipseg_ros.io.topics import (
-    ASSOCIATION_MARKERS,
-    ASSOCIATIONS,
-    ASSOCIATOR,
-    CLEAR,
-    LANDMARKS,
-    LOAD,
-    SAVE,
-)
 from ellipseg_ros.msg import LandmarkArray
 from ellipseg_ros.node.associator_health import AssociatorHealth
-from ellipseg_ros.node.health import Report
 from ellipseg_ros.ros.associations import association_markers, association_message
 from ellipseg_ros.ros.diagnostics import publish_diagnostics
 from ellipseg_ros.ros.limits import CALLBACK_SHARE, Pauses, Share, throttled
 from ellipseg_ros.ros.outputs import ACKNOWLEDGE_TIMEOUT, delete_all_markers, send
-from ellipseg_ros.ros.parameters import Parameters
-from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.ros.process import End, Runnable, run, start_thread
 from ellipseg_ros.ros.topics import create_publisher, create_service, create_subscription
-from ellipseg_ros.settings import flatten
 
 FILE_SHARE = (0.1, 2.0)  # of the time, for writing and reading maps, and burst in s
 COMPILER_TIMEOUT_S = 1.0  # at shutdown
 
 
-class AssociatorNode:
+class AssociatorNode(Runnable):
     """Passes landmarks to the map, and both to `associate`.
 
     All of it in the callbacks: an update takes milliseconds, and comes once a second.
     """
 
     def __init__(self, end: End) -> None:
-        node = self.node = Node(ASSOCIATOR, automatically_declare_parameters_from_overrides=True)
-        self.pauses = Pauses(*CALLBACK_SHARE)
-        self._log = node.get_logger()
-        self._parameters = Parameters(node, AssociationConfig(), MapConfig(), AssociatorConfig())
-        self._config, map_config, associator = self._parameters.records()
-        self._parameters.on_change(self._apply_parameters)
+        super().__init__(topics.ASSOCIATOR, AssociationConfig(), MapConfig(), AssociatorConfig())
+        self.pauses: Pauses = Pauses(*CALLBACK_SHARE)
+        self._config, map_config, associator = self.parameters.records()
+        self.parameters.on_change(self._apply_parameters)
         self._file = Path(associator.map_file) if associator.map_file else None
         self._map = LandmarkMap(map_config)
         if self._file and _may_exist(self._file):
             self._map.load(read_map(self._file))
         self._health = AssociatorHealth()
-        self._associations = create_publisher(node, ASSOCIATIONS)
-        self._markers = create_publisher(node, ASSOCIATION_MARKERS)
-        publish_diagnostics(node, "association", self._report)
-        for service, callback in ((SAVE, self._save), (LOAD, self._load), (CLEAR, self._clear)):
-            create_service(node, service, callback)
+        self._associations = create_publisher(self.node, topics.ASSOCIATIONS)
+        self._markers = create_publisher(self.node, topics.ASSOCIATION_MARKERS)
+        publish_diagnostics(
+            self.node, "association", lambda: self._health.report(len(self._map.stored))
+        )
+        for service, action in ((topics.SAVE, self._save), (topics.LOAD, self._load)):
+            create_service(self.node, service, partial(self._use_file, action))
+        create_service(self.node, topics.CLEAR, self._clear)
         self._file_share = Share(*FILE_SHARE)
-        self._end = end
-        self._starter = Thread(target=self._start, name="starter", daemon=True)
-        self._starter.start()
+        self._starter = start_thread("starter", self._start, end)
 
     def close(self) -> bool:
         """Delete the markers; False if the kernels are still being compiled."""
@@ -77,16 +64,9 @@ class AssociatorNode:
 
     def _start(self) -> None:
         """Compile, then subscribe; in a thread, so that services answer and the node can end."""
-        try:
-            warm_up()
-        except Exception as error:
-            self._end(error)
-            return
-        self._subscription = create_subscription(self.node, LANDMARKS, self._on_landmarks)
-        records = self._parameters.records()
-        values = [item for record in records for item in flatten(record).items()]
-        listed = ", ".join(f"{name} {value}" for name, value in values)
-        self._log.info(f"ready; map of {len(self._map.stored)} landmarks; {listed}")
+        warm_up()
+        self._subscription = create_subscription(self.node, topics.LANDMARKS, self._on_landmarks)
+        self.log.info(f"ready; map of {len(self._map.stored)} landmarks; {self.parameters}")
 
     def _on_landmarks(self, msg: LandmarkArray) -> None:
         started = time.monotonic()
@@ -100,7 +80,7 @@ class AssociatorNode:
             association = associate(stored.landmarks, landmarks, self._config)
         except InputError as error:
             self._health.rejected(str(error))
-            self._log.warning(f"landmarks rejected: {error}", **throttled())
+            self.log.warning(f"landmarks rejected: {error}", **throttled())
             return
         if association.verdict.has_transform:
             self._map.mark_recognized(landmarks.ids[association.pairs[:, 1]])
@@ -109,20 +89,14 @@ class AssociatorNode:
         send(self._markers, lambda: association_markers(*results))
         self._health.updated(association, time.monotonic() - started)
 
-    def _save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._with_file(response, self._write_to)
-
-    def _load(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._with_file(response, self._read_from)
-
     def _clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = f"{len(self._map.stored)} landmarks deleted"
         self._map.clear()
         return response
 
-    def _with_file(
-        self, response: Trigger.Response, action: Callable[[Path], str]
+    def _use_file(
+        self, action: Callable[[Path], str], _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         """Answer a call with what an action on the map file returns or raises."""
         try:
@@ -137,19 +111,16 @@ class AssociatorNode:
             response.success, response.message = False, str(error)
         return response
 
-    def _write_to(self, path: Path) -> str:
+    def _save(self, path: Path) -> str:
         write_map(path, self._map.stored)
         return f"{len(self._map.stored)} landmarks written to {path}"
 
-    def _read_from(self, path: Path) -> str:
+    def _load(self, path: Path) -> str:
         self._map.load(read_map(path))
         return f"{len(self._map.stored)} landmarks read from {path}"
 
     def _apply_parameters(self) -> None:
-        self._config, self._map.config, _ = self._parameters.records()
-
-    def _report(self) -> Report:
-        return self._health.report(len(self._map.stored))
+        self._config, self._map.config, _ = self.parameters.records()
 
 
 def _may_exist(path: Path) -> bool:

@@ -29,7 +29,7 @@ class AuxiliaryNode:
         except BaseException:
             self._context.try_shutdown()
             raise
-        self._spinner = Spinner(self.node, self._end)
+        self._spinner = Spinner(self.node, self.fail)
 
     def _create_node(self, name: str, context: Context) -> Node:
         return Node(name, context=context, start_parameter_services=False)
@@ -49,7 +49,3 @@ class AuxiliaryNode:
     def fail(self, error: BaseException) -> None:
         """Handle an error of a callback, in the thread of the callbacks."""
         self.failed.append(error)
-
-    def _end(self, error: BaseException | None) -> None:
-        if error is not None:
-            self.fail(error)

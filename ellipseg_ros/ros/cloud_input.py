@@ -42,7 +42,8 @@ class CloudInput:
         on_lost: Callable[[int], None],
     ) -> None:
         self._node = node
-        self._config = config
+        self._depth = config.input_depth
+        self._fixed = FIXED.get(config.input_reliability)  # None: that of the publishers
         self._pass_on = on_cloud
         self._report_lost = on_lost
         self._topic = node.resolve_topic_name(POINTS.name)
@@ -57,25 +58,19 @@ class CloudInput:
             self.reliability = self._required_reliability()
             self._subscription = self._subscribe()
 
-    @property
-    def _is_fixed(self) -> bool:
-        return self._config.input_reliability in FIXED
-
     def _required_reliability(self) -> ReliabilityPolicy:
-        if self._is_fixed:
-            return FIXED[self._config.input_reliability]
-        return matching_reliability(self._node, self._topic)
+        return self._fixed or matching_reliability(self._node, self._topic)
 
     def _subscribe(self) -> "Subscription[Any]":
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
-            depth=self._config.input_depth,
+            depth=self._depth,
             reliability=self.reliability,
         )
         events = SubscriptionEventCallbacks(
             message_lost=self._on_lost,
             matched=self._on_match,
-            incompatible_qos=None if self._is_fixed else lambda _: self._adapt(),  # None: warns
+            incompatible_qos=None if self._fixed else lambda _: self._adapt(),  # None: warns
         )
         return create_subscription(self._node, POINTS, self._on_cloud, qos, event_callbacks=events)
 

@@ -4,7 +4,8 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable
-from threading import Event
+from functools import partial
+from itertools import product, starmap
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -19,24 +22,16 @@ from sensor_msgs.msg import PointCloud2
 
 from ellipseg_ros.doctor.snapshot import CloudInfo, Endpoint, GraphSnapshot, SegmenterInfo, Topic
 from ellipseg_ros.errors import EllipsegError, InputError
+from ellipseg_ros.io import topics
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
-from ellipseg_ros.io.topics import (
-    CLOCK,
-    CLOUD,
-    DIAGNOSTICS,
-    POINTS,
-    RESET,
-    SEGMENTS,
-    TUNING_CURVE,
-    UPDATE_TOPICS,
-)
 from ellipseg_ros.records import SECOND
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.cloud_input import matching_reliability
 from ellipseg_ros.ros.topics import create_subscription
 
-OUTPUT_TYPES = tuple(dict.fromkeys(topic.type for topic in (*UPDATE_TOPICS, TUNING_CURVE)))
+OUTPUTS = (*topics.UPDATE_TOPICS, topics.TUNING_CURVE)
+OUTPUT_TYPES = tuple(dict.fromkeys(topic.type for topic in OUTPUTS))
 PARAMETERS = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
 DISCOVERY_TIMEOUT_S = 5.0
 SETTLING_TIME_S = 0.5  # without a change, after which discovery counts as complete
@@ -55,7 +50,7 @@ class GraphProbe(AuxiliaryNode):
     def __init__(self, topic: str, namespace: str) -> None:
         self._requested_topic, self._namespace = topic, namespace
         self._clouds: list[CloudInfo] = []
-        self._statuses: dict[str, Any] = {}  # last DiagnosticStatus, by name of the segmenter
+        self._statuses: dict[str, dict[str, Any]] = {}  # last of /diagnostics, by segmenter
         self._parameters: dict[str, dict[str, Any]] = {}  # by name of the segmenter
         self._clients: dict[str, Client] = {}  # that ask for them
         self._nodes: list[str] = []  # at the last poll
@@ -64,41 +59,39 @@ class GraphProbe(AuxiliaryNode):
         try:
             super().__init__(self._name, ["--ros-args", "-r", f"__ns:={namespace}"])
         except Exception as error:  # rcl has many
-            raise _not_started(error) from error
-        try:
-            self._topic = self.node.resolve_topic_name(topic or POINTS.name)
-        except Exception as error:  # likewise
-            self.close()
-            raise _not_started(error) from error
+            reason = " ".join(str(error).split())
+            raise EllipsegError(f"no ROS node can be started: {reason}") from error
+
+    def _create_node(self, name: str, context: Context) -> Node:
+        node = super()._create_node(name, context)
+        self._topic = node.resolve_topic_name(self._requested_topic or topics.POINTS.name)
+        return node
 
     def probe(self, seconds: float) -> GraphSnapshot:
         """Discover the graph, then receive clouds for so many seconds.
 
         Segmenters that are discovered later are included.
         """
-        create_subscription(self.node, DIAGNOSTICS, self._on_diagnostics, DEPTH)
+        create_subscription(self.node, topics.DIAGNOSTICS, self._on_diagnostics, DEPTH)
         self._wait(DISCOVERY_TIMEOUT_S, self._is_discovered)
         self._update_topic()
-        topic_changed = True
-        while topic_changed:
+        while True:
             self._clouds.clear()
             qos = QoSProfile(depth=DEPTH, reliability=matching_reliability(self.node, self._topic))
             subscription = self.node.create_subscription(
                 PointCloud2, self._topic, self._on_cloud, qos
             )
-            topic_changed = self._wait(seconds, self._query_segmenters)
-            if topic_changed:
-                self.node.destroy_subscription(subscription)
-        return self._graph(seconds)
+            if not self._wait(seconds, self._query_segmenters):
+                return self._graph(seconds)
+            self.node.destroy_subscription(subscription)  # of a topic that is not the segmenter's
 
     def _wait(self, seconds: float, condition: Callable[[], bool]) -> bool:
         """Poll the condition; False if it was not met in time."""
         end = time.monotonic() + seconds
-        pause = Event()
         while not condition():
-            if time.monotonic() >= end:
+            if (remaining := end - time.monotonic()) <= 0.0:
                 return False
-            pause.wait(min(POLL_INTERVAL_S, max(0.0, end - time.monotonic())))
+            time.sleep(min(POLL_INTERVAL_S, remaining))
             if self.failed:
                 raise self.failed[0]
         return True
@@ -129,8 +122,15 @@ class GraphProbe(AuxiliaryNode):
                 )
             if name not in self._parameters and self._clients[name].service_is_ready():
                 self._parameters[name] = {}
-                self._request_parameters(name)
+                future = self._clients[name].call_async(GetParameters.Request(names=PARAMETERS))
+                future.add_done_callback(partial(self._on_parameters, name))
         return self._update_topic()
+
+    def _on_parameters(self, name: str, future: Any) -> None:
+        values = future.result().values
+        if len(values) == len(PARAMETERS):  # else that node doesn't know them all
+            converted = map(parameter_value_to_python, values)
+            self._parameters[name] = dict(zip(PARAMETERS, converted, strict=True))
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrival, now_ns = time.monotonic(), time.time_ns()
@@ -161,19 +161,11 @@ class GraphProbe(AuxiliaryNode):
         for status in msg.status:
             node, colon, _ = status.name.partition(": segmentation")
             if colon:
-                self._statuses[f"/{node}"] = status
-
-    def _request_parameters(self, name: str) -> None:
-        """Request the parameters; the answer arrives during the wait, or never."""
-
-        def answered(future: Any) -> None:
-            values = future.result().values
-            if len(values) == len(PARAMETERS):  # else that node doesn't know them all
-                converted = map(parameter_value_to_python, values)
-                self._parameters[name] = dict(zip(PARAMETERS, converted, strict=True))
-
-        request = GetParameters.Request(names=PARAMETERS)
-        self._clients[name].call_async(request).add_done_callback(answered)
+                self._statuses[f"/{node}"] = {
+                    "level": status.level[0],
+                    "message": status.message,
+                    "values": {item.key: item.value for item in status.values},
+                }
 
     def _other_nodes(self) -> list[str]:
         """Full names of all nodes but this one, with duplicates."""
@@ -191,25 +183,25 @@ class GraphProbe(AuxiliaryNode):
 
     def _segmenters(self) -> list[str]:
         """Full names of the nodes that publish segments and offer ~/reset, unlike a bag."""
-        namespace = self._namespace.strip("/")
-        prefix = f"/{namespace}/" if namespace else "/"
+        prefix = f"{self.node.get_namespace().rstrip('/')}/"
+        segments, reset = topics.SEGMENTS, topics.RESET
         return sorted(
             node
             for node in set(self._other_nodes())
             if node.startswith(prefix)
-            and self._names(node, "publisher", SEGMENTS.type)
-            and RESET.name.replace("~", node) in self._names(node, "service", RESET.type)
+            and self._names(node, "publisher", segments.type)
+            and reset.name.replace("~", node) in self._names(node, "service", reset.type)
         )
 
     def _inputs(self, node: str) -> list[str]:
-        return self._names(node, "subscriber", CLOUD)
+        return self._names(node, "subscriber", topics.CLOUD)
 
     def _graph(self, seconds: float) -> GraphSnapshot:
         names = Counter(self._other_nodes())
         other_topics = [
             topic
             for topic, kinds in self.node.get_topic_names_and_types()
-            if CLOUD in kinds
+            if topics.CLOUD in kinds
             and topic != self._topic
             and self.node.get_publishers_info_by_topic(topic)
         ]
@@ -221,12 +213,11 @@ class GraphProbe(AuxiliaryNode):
             segmenters=tuple(map(self._segmenter, self._segmenters())),
             duplicate_names=tuple(name for name, count in names.items() if count > 1),
             nodes=sum(names.values()),
-            has_clock=bool(self.node.get_publishers_info_by_topic(CLOCK.name)),
+            has_clock=bool(self.node.get_publishers_info_by_topic(topics.CLOCK.name)),
             namespace=self._namespace,
         )
 
     def _segmenter(self, name: str) -> SegmenterInfo:
-        status = self._statuses.get(name)
         outputs = [
             topic for kind in OUTPUT_TYPES for topic in self._names(name, "publisher", kind)
         ]
@@ -234,10 +225,8 @@ class GraphProbe(AuxiliaryNode):
             node=name,
             inputs=tuple(map(self._topic_ends, self._inputs(name))),
             outputs=tuple(map(self._topic_ends, outputs)),
-            level=None if status is None else status.level[0],
-            message="" if status is None else status.message,
-            values={} if status is None else {item.key: item.value for item in status.values},
             parameters=self._parameters.get(name, {}),
+            **self._statuses.get(name, {}),
         )
 
     def _topic_ends(self, topic: str) -> Topic:
@@ -249,31 +238,27 @@ class GraphProbe(AuxiliaryNode):
                 self.node.get_subscriptions_info_by_topic(topic),
             )
         )
-        mismatches = []
-        for sender in publishers:
-            for receiver in subscriptions:
-                fits, why = qos_check_compatible(sender.qos_profile, receiver.qos_profile)
-                if fits == QoSCompatibility.ERROR:
-                    mismatches.append(f"{_name(sender)} to {_name(receiver)}: {_shorten(why)}")
+        mismatches = dict.fromkeys(starmap(_mismatch, product(publishers, subscriptions)))
         return Topic(
             topic,
             tuple(map(_endpoint, publishers)),
             tuple(map(_endpoint, subscriptions)),
-            tuple(dict.fromkeys(mismatches)),
+            tuple(filter(None, mismatches)),
         )
-
-
-def _not_started(error: Exception) -> EllipsegError:
-    return EllipsegError(f"no ROS node can be started: {' '.join(str(error).split())}")
 
 
 def _name(info: TopicEndpointInfo) -> str:
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
-def _shorten(reason: str) -> str:
-    """Remove the frame of rcl's "ERROR: Best effort publisher and reliable subscription;"."""
-    return " ".join(reason.replace("ERROR:", "").split()).rstrip("; ").lower()
+def _mismatch(sender: TopicEndpointInfo, receiver: TopicEndpointInfo) -> str:
+    """Why a subscription gets nothing of a publisher; empty if their QoS are compatible."""
+    fits, why = qos_check_compatible(sender.qos_profile, receiver.qos_profile)
+    if fits != QoSCompatibility.ERROR:
+        return ""
+    # rcl: "ERROR: Best effort publisher and reliable subscription;"
+    reason = " ".join(why.replace("ERROR:", "").split()).rstrip("; ").lower()
+    return f"{_name(sender)} to {_name(receiver)}: {reason}"
 
 
 def _endpoint(info: TopicEndpointInfo) -> Endpoint:

@@ -1,15 +1,17 @@
 """`~/tune`, `tuning_curve` and automatic tuning: the ROS side of the tuner."""
 
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.topics import TUNE, TUNING_CURVE
 from ellipseg_ros.msg import TuningCurve
 from ellipseg_ros.node.health import Health
-from ellipseg_ros.records import SECOND
+from ellipseg_ros.records import SECOND, Segmentation
 from ellipseg_ros.ros.limits import throttled
 from ellipseg_ros.ros.process import End
 from ellipseg_ros.ros.topics import create_publisher, create_service
@@ -48,58 +50,56 @@ class LiveTuning:
         def done(tuned: Tuned) -> None:
             self._in_callbacks(self._respond, tuned, response, header)
 
-        problem = self.tuner.request(done)
-        if problem:
-            self._refuse(problem, response, header)
-
-    def _refuse(self, problem: str, response: Trigger.Response, header: Any) -> None:
-        response.success, response.message = False, problem
-        self._send_response(response, header)
+        if problem := self.tuner.request(done):
+            response.success, response.message = False, problem
+            self._send_response(response, header)
 
     def _respond(self, tuned: Tuned, response: Trigger.Response, header: Any) -> None:
-        problem = self._problem(tuned)
-        if tuned.curve is None or problem:
-            self._refuse(problem, response, header)
-            return
-        decision = decide_by_one(tuned.curve, tuned.config.tau)
-        self._apply(tuned, tuned.curve, decision, TUNED)
-        response.success, response.message = True, report(tuned.curve, decision)
+        try:
+            response.message = self._apply(tuned, decide_by_one, TUNED)
+            response.success = True
+        except EllipsegError as error:
+            response.success, response.message = False, str(error)
         self._send_response(response, header)
 
     def _auto_tuned(self, tuned: Tuned) -> None:
-        problem = self._problem(tuned)
-        if tuned.curve is None or problem:
-            self._node.get_logger().warning(f"no tuning: {problem}", **throttled())
-            return
-        decision = self._hysteresis.decide(tuned.curve, tuned.config.tau)
-        self._apply(tuned, tuned.curve, decision, AUTO_TUNED)
-
-    def _problem(self, tuned: Tuned) -> str:
-        """Why a tuning can't be applied; empty if it can."""
-        names = ("criterion", "threshold")
-        present = tuple(self._node.get_parameter(name).value for name in names)
-        if not tuned.problem and present != tuple(getattr(tuned.config, name) for name in names):
-            return "criterion or threshold has changed meanwhile; call again after an update"
-        return tuned.problem
-
-    def _apply(self, tuned: Tuned, curve: Curve, decision: Decision, reason: str) -> None:
-        self._curves.publish(_message(tuned, curve, decision))
-        self._health.tuned(curve, tuned.seconds)
-        if not decision.changed:
-            return
-        self.reason = reason
         try:
-            self._node.set_parameters([Parameter("threshold", value=decision.threshold)])
-        finally:
-            self.reason = SET
-        self._node.get_logger().info(
-            f"{reason}: threshold {decision.present:g} -> {decision.threshold:.4g}, "
-            f"{decision.reason}"
-        )
+            self._apply(tuned, self._hysteresis.decide, AUTO_TUNED)
+        except EllipsegError as error:
+            self._node.get_logger().warning(f"no tuning: {error}", **throttled())
+
+    def _apply(self, tuned: Tuned, decide: Callable[[Curve, float], Decision], reason: str) -> str:
+        """Publish the curve, set the threshold decided on, and return a report.
+
+        Raises EllipsegError if the tuning has failed or is outdated.
+        """
+        curve, config = tuned.curve, tuned.config
+        if curve is None:
+            raise EllipsegError(tuned.problem)
+        present = [self._node.get_parameter(name).value for name in ("criterion", "threshold")]
+        if present != [config.criterion, config.threshold]:
+            raise EllipsegError(
+                "criterion or threshold has changed meanwhile; call again after an update"
+            )
+        decision = decide(curve, config.tau)
+        self._curves.publish(_message(tuned.window, curve, decision))
+        self._health.tuned(curve, tuned.seconds)
+        if decision.changed:
+            self.reason = reason
+            try:
+                self._node.set_parameters([Parameter("threshold", value=decision.threshold)])
+            finally:
+                self.reason = SET
+            self._node.get_logger().info(
+                f"{reason}: threshold {decision.present:g} -> {decision.threshold:.4g}, "
+                f"{decision.reason}"
+            )
+        return report(curve, decision)
 
 
-def _message(tuned: Tuned, curve: Curve, decision: Decision) -> TuningCurve:
-    """Convert a curve and the decision on the threshold."""
+def _message(window: Segmentation, curve: Curve, decision: Decision) -> TuningCurve:
+    """Convert the curve of a window and the decision on the threshold."""
+    arrays = ("threshold", "aicc", "variance", "bias", "count", "loss")
     message = TuningCurve(
         criterion=curve.criterion,
         points=curve.points,
@@ -107,14 +107,9 @@ def _message(tuned: Tuned, curve: Curve, decision: Decision) -> TuningCurve:
         new_threshold=decision.threshold,
         reason=decision.reason,
         singleton_aicc=curve.singletons,
-        threshold=curve.threshold.tolist(),
-        aicc=curve.aicc.tolist(),
-        variance=curve.variance.tolist(),
-        bias=curve.bias.tolist(),
-        count=curve.count.tolist(),
-        loss=curve.loss.tolist(),
+        **{name: getattr(curve, name).tolist() for name in arrays},
     )
     header = message.header
-    header.frame_id = tuned.window.frame_id
-    header.stamp.sec, header.stamp.nanosec = divmod(tuned.window.end_ns, SECOND)
+    header.frame_id = window.frame_id
+    header.stamp.sec, header.stamp.nanosec = divmod(window.end_ns, SECOND)
     return message

@@ -4,12 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces import msg
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -47,6 +42,10 @@ class Parameters:
         """The present settings, in the order of the defaults."""
         return self._records
 
+    def __str__(self) -> str:
+        values = (item for record in self._records for item in flatten(record).items())
+        return ", ".join(f"{name} {value}" for name, value in values)
+
     def on_change(self, callback: Callable[[], None]) -> None:
         """Set the callback that is called after every change."""
         self._changed = callback
@@ -80,69 +79,30 @@ class Parameters:
             for p in parameters
         ]
 
-    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+    def _check(self, parameters: list[Parameter]) -> msg.SetParametersResult:
         try:
             self._with({p.name: p.value for p in parameters})
         except ConfigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+            return msg.SetParametersResult(successful=False, reason=str(error))
+        return msg.SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[Parameter]) -> None:
         self._records = self._with({p.name: p.value for p in parameters})
         self._changed()
 
 
-def descriptor(value: Value, about: Setting) -> ParameterDescriptor:
+def descriptor(value: Value, about: Setting) -> msg.ParameterDescriptor:
     """Meaning, unit and limits of a setting, as ROS tools show them."""
-    result = ParameterDescriptor(description=description(about), read_only=not about.live)
+    text = f"{about.about} [{about.unit}]" if about.unit else about.about
+    result = msg.ParameterDescriptor(description=text, read_only=not about.live)
     if about.choices:
         result.additional_constraints = f"one of {', '.join(about.choices)}"
     if about.low is not None and isinstance(value, float):
         high = math.inf if about.high is None else float(about.high)
         result.floating_point_range = [
-            FloatingPointRange(from_value=float(about.low), to_value=high)
+            msg.FloatingPointRange(from_value=float(about.low), to_value=high)
         ]
     elif about.low is not None:
         top = 2**63 - 1 if about.high is None else int(about.high)
-        result.integer_range = [IntegerRange(from_value=int(about.low), to_value=top, step=1)]
+        result.integer_range = [msg.IntegerRange(from_value=int(about.low), to_value=top, step=1)]
     return result
-
-
-def description(about: Setting) -> str:
-    """Meaning and unit of a setting in one line."""
-    return f"{about.about} [{about.unit}]" if about.unit else about.about
-
-
-def as_yaml(*records: Checked, node: str = "segmenter") -> str:
-    """Parameter file with every setting, its meaning and limits, as in config/."""
-    lines = [
-        f"# Every parameter of the {node} and its default; written from ellipseg_ros/config.py.",
-        "/**:",
-        "  ros__parameters:",
-    ]
-    section: list[str] = []
-    for record in records:
-        for name, value, about in iterate_settings(record):
-            *path, last = name.split(".")
-            if path != section:
-                lines += [f"    {'  ' * k}{part}:" for k, part in enumerate(path)]
-                section = path
-            indent = "    " + "  " * len(path)
-            lines += [f"{indent}# {line}" for line in _comment(about)]
-            shown = str(value).lower() if isinstance(value, bool) else value
-            if value == "":
-                shown = '""'
-            lines.append(f"{indent}{last}: {shown}")
-    return "\n".join(lines) + "\n"
-
-
-def _comment(about: Setting) -> list[str]:
-    limits = []
-    if about.choices:
-        limits.append("one of " + ", ".join(about.choices))
-    if about.low is not None:
-        top = "" if about.high is None else f" to {about.high:g}"
-        limits.append(f"from {about.low:g}{top}")
-    if not about.live:
-        limits.append("fixed while the node runs")
-    return [description(about), *(["; ".join(limits)] if limits else [])]

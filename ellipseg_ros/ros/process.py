@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
-from typing import Protocol
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -20,25 +20,49 @@ import ellipseg_ros
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.node.shutdown import ShutdownHandler
 from ellipseg_ros.ros.limits import Pauses, throttled
+from ellipseg_ros.ros.parameters import Parameters
+from ellipseg_ros.settings import Checked
 
 PACKAGE = Path(ellipseg_ros.__file__).parent
 # Ends the process: regularly (None), or by an unexpected error.
 End = Callable[[BaseException | None], None]
 
 
-class Runnable(Protocol):
-    """An object that holds a node and threads of its own."""
+class Runnable:
+    """A node with parameters that runs as a process.
 
-    @property
-    def node(self) -> Node:
-        """The node whose callbacks are to be run."""
+    Holds an rclpy node and is not derived from it, as attributes would clash with rclpy's own.
+    defaults: records of its parameters. Raises ConfigError for invalid initial values.
+    """
 
-    @property
-    def pauses(self) -> Pauses | None:
-        """Pauses between its callbacks, if any."""
+    pauses: Pauses | None = None  # between its callbacks
+
+    def __init__(self, name: str, *defaults: Checked, context: Context | None = None) -> None:
+        self.node = Node(
+            name, context=context, automatically_declare_parameters_from_overrides=True
+        )
+        self.log = self.node.get_logger()
+        self.parameters = Parameters(self.node, *defaults)
 
     def close(self) -> bool:
         """Publish last messages and end the threads; False if one of them is still working."""
+        return True
+
+
+def start_thread(
+    name: str, work: Callable[[], object], end: Callable[[Exception], object]
+) -> Thread:
+    """Start a daemon thread; an error of its work goes to `end`."""
+
+    def guarded() -> None:
+        try:
+            work()
+        except Exception as error:
+            end(error)
+
+    thread = Thread(target=guarded, name=name, daemon=True)
+    thread.start()
+    return thread
 
 
 class Spinner:
@@ -50,15 +74,15 @@ class Spinner:
     the message is dropped; otherwise any other node could end this one.
     """
 
-    def __init__(self, node: Node, end: End, pauses: Pauses | None = None) -> None:
+    def __init__(
+        self, node: Node, end: Callable[[Exception], object], pauses: Pauses | None = None
+    ) -> None:
         self._pauses = pauses
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._log = node.get_logger()
-        self._end = end
         self._stopped = False
-        self._thread = Thread(target=self._spin, name="callbacks", daemon=True)
-        self._thread.start()
+        self._thread = start_thread("callbacks", self._spin, end)
 
     def stop(self) -> None:
         """Finish the running callback and start no other."""
@@ -68,21 +92,15 @@ class Spinner:
         self._executor.shutdown()
 
     def _spin(self) -> None:
-        try:
-            while not self._stopped:
-                self._spin_once()
-                if self._pauses is not None:
-                    self._pauses.take()
-        except Exception as error:
-            self._end(error)
-
-    def _spin_once(self) -> None:
-        try:
-            self._executor.spin_once()
-        except (ValueError, TypeError, OverflowError) as error:
-            if _is_ours(error):
-                raise
-            self._log.warning(f"invalid message, rejected by rclpy: {error}", **throttled())
+        while not self._stopped:
+            try:
+                self._executor.spin_once()
+            except (ValueError, TypeError, OverflowError) as error:
+                if _is_ours(error):
+                    raise
+                self._log.warning(f"invalid message, rejected by rclpy: {error}", **throttled())
+            if self._pauses is not None:
+                self._pauses.take()
 
 
 def run(make: Callable[[End], Runnable], args: list[str] | None = None) -> int:

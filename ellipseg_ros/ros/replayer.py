@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from threading import Thread
 
 from builtin_interfaces.msg import Time
 from rclpy.context import Context
@@ -19,11 +18,10 @@ from ellipseg_ros.io.topics import CLOCK, PAUSE, POINTS, REPLAYER, SEGMENTS
 from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
-from ellipseg_ros.ros.parameters import Parameters
-from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.ros.process import End, Runnable, run, start_thread
 from ellipseg_ros.ros.subscriptions import header_stamp_ns
 from ellipseg_ros.ros.topics import create_publisher, create_service, create_subscription
-from ellipseg_ros.settings import Checked, setting
+from ellipseg_ros.settings import Checked, fixed
 
 SEGMENTS_DEPTH = 1000  # an update that is lost would stop the flow until its timeout
 ACKNOWLEDGE_TIMEOUT = Duration(seconds=1.0)  # for the last clouds
@@ -34,22 +32,21 @@ PLAYBACK_TIMEOUT_S = 1.0  # for the thread to end
 class ReplaySource(Checked):
     """What `ros2 run` plays."""
 
-    source: str = setting("", "bag, cloud file, or sim:SCENE", live=False)
-    topic: str = setting("", "topic of the bag; empty: the only one with clouds", live=False)
+    source: str = fixed("", "bag, cloud file, or sim:SCENE")
+    topic: str = fixed("", "topic of the bag; empty: the only one with clouds")
 
 
-class ReplayerNode:
+class ReplayerNode(Runnable):
     """The node `ellipseg_replayer`: publishes `points` and /clock, and offers ~/pause.
 
     options: the defaults of its parameters.
     """
 
     def __init__(self, options: ReplayOptions, context: Context | None = None) -> None:
-        node = self.node = Node(
-            REPLAYER, context=context, automatically_declare_parameters_from_overrides=True
-        )
-        options, self.source = Parameters(node, options, ReplaySource()).records()
-        self.playback = Playback(options, self._send, node.get_logger().info)
+        super().__init__(REPLAYER, options, ReplaySource(), context=context)
+        node = self.node
+        options, self.source = self.parameters.records()
+        self.playback = Playback(options, self._send, self.log.info)
         matched = PublisherEventCallbacks(matched=self._on_match)
         self._points = create_publisher(node, POINTS, event_callbacks=matched)
         self._clock = create_publisher(node, CLOCK) if options.clock else None
@@ -134,16 +131,13 @@ class Replayer(AuxiliaryNode):
 class ReplayerProcess(ReplayerNode):
     """The node that plays the source named by its parameters, and then ends."""
 
-    pauses = None
-
     def __init__(self, end: End) -> None:
         super().__init__(ReplayOptions())
         if not self.source.source:
             raise InputError("the parameter source is empty; give one: -p source:=drive.mcap, say")
         self._sweeps = open_source(self.source.source, self.source.topic)
         self._end = end
-        self._player = Thread(target=self._play, name="player", daemon=True)
-        self._player.start()
+        self._player = start_thread("player", self._play, end)
 
     def close(self) -> bool:
         """Stop the playback; False if reading the source blocks it."""
@@ -152,13 +146,9 @@ class ReplayerProcess(ReplayerNode):
         return not self._player.is_alive()
 
     def _play(self) -> None:
-        try:
-            summary = self.playback.play(self._sweeps)
-            self.node.get_logger().info(f"sent {summary.clouds} clouds, {summary.points} points")
-        except Exception as error:
-            self._end(error)
-        else:
-            self._end(None)
+        summary = self.playback.play(self._sweeps)
+        self.log.info(f"sent {summary.clouds} clouds, {summary.points} points")
+        self._end(None)
 
 
 def main(args: list[str] | None = None) -> int:

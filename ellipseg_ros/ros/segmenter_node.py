@@ -3,7 +3,6 @@
 import time
 from dataclasses import asdict
 
-from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
@@ -23,11 +22,10 @@ from ellipseg_ros.ros.diagnostics import publish_diagnostics
 from ellipseg_ros.ros.limits import CALLBACK_SHARE, Pauses, Quota, throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
-from ellipseg_ros.ros.parameters import Parameters
-from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.ros.process import End, Runnable, run, start_thread
 from ellipseg_ros.ros.topics import create_service
-from ellipseg_ros.ros.worker import Collaborators, Worker
-from ellipseg_ros.settings import flatten
+from ellipseg_ros.ros.worker import Worker
+from ellipseg_ros.segmenter import warm_up
 
 WORKER_TIMEOUT_S = 1.0  # for a last update at shutdown
 TUNER_TIMEOUT_S = 0.1  # it either ends immediately, or is in a tuning that takes long
@@ -35,19 +33,15 @@ RESET_QUOTA = (30, 60.0)  # calls within s, so that a flood of calls leaves most
 MAX_WARNED_FRAMES = 10  # warned of once each: frame names of other nodes are unbounded
 
 
-class SegmenterNode:
-    """Passes clouds to the worker in groups.
-
-    Holds an rclpy node and is not derived from it, as attributes would clash with rclpy's own.
-    """
+class SegmenterNode(Runnable):
+    """Passes clouds to the worker in groups."""
 
     def __init__(self, end: End) -> None:
-        node = self.node = Node(SEGMENTER, automatically_declare_parameters_from_overrides=True)
-        self.pauses = Pauses(*CALLBACK_SHARE)
-        self._log = node.get_logger()
-        self._parameters = Parameters(node, Config(), NodeConfig())
-        self._config, self._node_config = self._parameters.records()
-        self._parameters.on_change(self._apply_parameters)
+        super().__init__(SEGMENTER, Config(), NodeConfig())
+        node = self.node
+        self.pauses: Pauses = Pauses(*CALLBACK_SHARE)
+        self._config, self._node_config = self.parameters.records()
+        self.parameters.on_change(self._apply_parameters)
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
@@ -58,19 +52,13 @@ class SegmenterNode:
         create_service(node, RESET, self._on_reset)
         self._reset_quota = Quota(*RESET_QUOTA)
         self._tuning = LiveTuning(node, self._health, end)
+        self._tuner = self._tuning.tuner
         self._threshold_change = self._tuning.reason  # reason of the last change
-        collaborators = Collaborators(
-            backlog=self._backlog,
-            outputs=self._outputs,
-            health=self._health,
-            tuner=self._tuning.tuner,
-            logger=self._log,
-            on_ready=self._subscribe,
-            end=end,
+        self._worker = Worker(
+            self._config, self._backlog, self._outputs, self._health, self._tuner, self.log
         )
-        self._worker = Worker(self._config, collaborators)
-        self._worker.start()
-        self._tuning.tuner.start()
+        self._thread = start_thread("segmenter", self._work, end)
+        self._tuner.start()
 
     def close(self) -> bool:
         """Delete the markers and end the threads; False if one is still working.
@@ -78,18 +66,22 @@ class SegmenterNode:
         An update that is finished later is not published.
         """
         self._backlog.close()
-        self._tuning.tuner.close()
-        self._worker.join(WORKER_TIMEOUT_S)
+        self._tuner.close()
+        self._thread.join(WORKER_TIMEOUT_S)
         self._outputs.close()
-        self._tuning.tuner.join(TUNER_TIMEOUT_S)
-        return not (self._worker.is_alive() or self._tuning.tuner.is_alive())
+        self._tuner.join(TUNER_TIMEOUT_S)
+        return not (self._thread.is_alive() or self._tuner.is_alive())
 
-    def _subscribe(self) -> None:
-        """Subscribe to clouds; called by the worker when the kernels are compiled."""
+    def _work(self) -> None:
+        """Compile the kernels, subscribe to clouds, and segment; in a thread of its own."""
+        self.log.info(
+            "loading the kernels; the first start compiles them, which takes half a minute"
+        )
+        warm_up()
         self._input = CloudInput(self.node, self._node_config, self._on_cloud, self._on_lost)
         self._health.ready()
-        values = {**flatten(self._config), **flatten(self._node_config)}
-        self._log.info("ready; " + ", ".join(f"{name} {value}" for name, value in values.items()))
+        self.log.info(f"ready; {self.parameters}")
+        self._worker.run()
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrival = time.monotonic()
@@ -102,7 +94,7 @@ class SegmenterNode:
             self._queue(self._grouping.push(sweep), arrival)
         except InputError as error:
             self._health.rejected(error.reason)
-            self._log.warning(f"cloud rejected: {error}", **throttled())
+            self.log.warning(f"cloud rejected: {error}", **throttled())
 
     def _queue(self, groups: list[Sweep], arrival: float) -> None:
         for group in groups:
@@ -112,7 +104,7 @@ class SegmenterNode:
             overload = self._backlog.put(update, self._node_config.max_backlog)
             if overload is not None:
                 self._health.count(**asdict(overload))
-                self._log.warning(
+                self.log.warning(
                     "too slow for these clouds: updates are coalesced; segments stay exact, ids "
                     "may differ from a slower replay (max_points_per_second thins the clouds)",
                     **throttled(),
@@ -124,17 +116,17 @@ class SegmenterNode:
         warned = self._warned_frames
         if sensor and frame_id not in warned and len(warned) < MAX_WARNED_FRAMES:
             warned.add(frame_id)
-            self._log.warning(warning(frame_id))
+            self.log.warning(warning(frame_id))
 
     def _check_stamp(self, sweep: Sweep) -> None:
         config = self._config
         if text := self._stamps.check(sweep, config.window_duration, config.max_lateness):
-            self._log.warning(text, **throttled())
+            self.log.warning(text, **throttled())
         self._health.stamps(self._stamps.stalled, self._stamps.gaps)
 
     def _on_lost(self, clouds: int) -> None:
         self._health.count(lost=clouds)
-        self._log.warning(
+        self.log.warning(
             f"{clouds} clouds were lost in transport; a reliable publisher, or a larger "
             "input_depth, may help",
             **throttled(),
@@ -159,23 +151,20 @@ class SegmenterNode:
 
     def _apply_parameters(self) -> None:
         before = self._config
-        self._config, self._node_config = self._parameters.records()
+        self._config, self._node_config = self.parameters.records()
         if (self._config.criterion, self._config.tau) != (before.criterion, before.tau):
             self._threshold_change = self._tuning.reason
         self._grouping.configure(self._config)
 
-    def _count_other_publishers(self) -> None:
+    def _report(self) -> Report:
         before, count = self._health.other_publishers, self._outputs.other_publishers()
         self._health.other_publishers = count
         if count > before:
-            self._log.warning(
+            self.log.warning(
                 f"{count} other nodes publish segments in this namespace: subscribers get "
                 "messages of both; give each node a namespace (a killed one counts for 20 s)",
                 **throttled(),
             )
-
-    def _report(self) -> Report:
-        self._count_other_publishers()
         now_ns = self.node.get_clock().now().nanoseconds
         return self._health.report(self._backlog.waiting(), now_ns)
 

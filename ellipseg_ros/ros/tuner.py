@@ -69,10 +69,9 @@ class Tuner(threading.Thread):
             end_ns = segmentation.end_ns
             if segmentation.restart or period_ns != self._period_ns:
                 self._period_ns, self._due_ns = period_ns, end_ns + period_ns
-            elif period_ns and end_ns >= self._due_ns and not self._is_blocked():
+            elif period_ns and end_ns >= self._due_ns and not self._obstacle():
                 self._due_ns = end_ns + period_ns
-                if not too_few_points(segmentation):
-                    self._start_job(self._on_auto_tuned)
+                self._start_job(self._on_auto_tuned)
 
     def reset(self) -> None:
         """Discard the latest update, whose window has been reset."""
@@ -82,26 +81,25 @@ class Tuner(threading.Thread):
     def request(self, done: Done) -> str:
         """Tune on the latest update, then call `done` in this thread; return why not, or ""."""
         with self._changed:
-            if self._busy:
-                return "a tuning is running; call again when it has finished"
-            wait = self._share.wait()
-            if wait:
-                return f"there were too many tunings; call again in {wait:.1f} s"
-            if self._latest is None:
-                return "there is no window yet; call again after the first update"
-            problem = too_few_points(self._latest[0])
-            if not problem:
-                self._start_job(done)
-            return problem
+            return self._obstacle() or self._start_job(done)
 
-    def _is_blocked(self) -> bool:
-        """Whether no tuning may start now; queries the share only while no tuning counts on it."""
-        return self._busy or self._share.wait() > 0.0
+    def _obstacle(self) -> str:
+        """Return why no tuning may start now, or ""; asks the share only while none uses it."""
+        if self._busy:
+            return "a tuning is running; call again when it has finished"
+        wait = self._share.wait()
+        return f"there were too many tunings; call again in {wait:.1f} s" if wait else ""
 
-    def _start_job(self, done: Done) -> None:
-        if self._latest is not None:
-            self._job, self._busy = (*self._latest, done), True
-            self._changed.notify_all()
+    def _start_job(self, done: Done) -> str:
+        """Make the latest update the next job; return why not, or ""."""
+        if self._latest is None:
+            return "there is no window yet; call again after the first update"
+        points = self._latest[0].counts.segmented
+        if points < MIN_POINTS:
+            return f"the window has {points} segmented points; a curve needs {MIN_POINTS} or more"
+        self._job, self._busy = (*self._latest, done), True
+        self._changed.notify_all()
+        return ""
 
     def close(self) -> None:
         """Start no more tunings."""
@@ -155,11 +153,3 @@ def tune_window(window: Segmentation, config: Config) -> Tuned:
         problem = f"the tuning failed: {type(error).__name__}: {' '.join(str(error).split())}"
         return Tuned(window, config, None, problem)
     return Tuned(window, config, curve, "", time.monotonic() - started)
-
-
-def too_few_points(window: Segmentation) -> str:
-    """Why a window is too small for a tuning; empty if it is not."""
-    points = window.counts.segmented
-    if points >= MIN_POINTS:
-        return ""
-    return f"the window has {points} segmented points; a curve needs {MIN_POINTS} or more"

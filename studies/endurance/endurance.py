@@ -17,7 +17,7 @@ from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_fields
 from ellipseg_ros.io.topics import BAG_TOPICS
 from ellipseg_ros.node.grouping import Grouping, updates
-from ellipseg_ros.node.memory import resident_mb, state_bytes
+from ellipseg_ros.node.memory import resident_mb
 from ellipseg_ros.records import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.segmenter import Segmenter
@@ -25,6 +25,7 @@ from studies.endurance.endless_drive import EndlessDrive
 from studies.endurance.requirements import Options, Requirement
 from studies.endurance.running import lossless, newest_time
 from studies.endurance.subscriber_process import SubscriberProcess
+from studies.memory import state_bytes
 
 MAX_GROWTH = 0.05  # of memory
 MAX_SLOWDOWN = 1.2  # ratio of processing times

@@ -20,10 +20,11 @@ from typing import Any
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.map_file import read_map
-from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
+from ellipseg_ros.node.memory import peak_mb, resident_mb
 from ellipseg_ros.segmenter import warm_up
 from studies.endurance.damage import LOCKED, damage
 from studies.endurance.samples import write_samples
+from studies.memory import reset_peak
 
 TIMEOUT_S = 30.0  # for a file of some kilobytes
 START_TIMEOUT_S = 300.0  # imports, compilation

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 from ellipseg_ros.association.associate import warm_up as warm_up_association
 from ellipseg_ros.config import Config
-from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
+from ellipseg_ros.node.memory import peak_mb, resident_mb
 from ellipseg_ros.segmenter import warm_up
 from studies.endurance.conversion import Tally, convert
 from studies.endurance.live_inputs import LiveResult, send_odd_clouds
 from studies.endurance.odd_landmarks import associate_odd_landmarks, mirror_odd_segments
 from studies.endurance.requirements import Options, Requirement
+from studies.memory import reset_peak
 
 MAX_SECONDS = 5.0  # for an odd cloud of some thousand points
 MAX_GROWTH_MB = 500.0  # of memory, by all of them

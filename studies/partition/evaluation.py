@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
+from ellipseg_ros.node.memory import peak_mb, resident_mb
 from ellipseg_ros.records import Array
+from studies.memory import reset_peak
 from studies.partition.methods import SEGMENTS, Method, Run, Settings
 from studies.partition.metrics import score_instances, score_partition
 from studies.partition.parameter_search import Search, reached

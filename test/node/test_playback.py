@@ -148,7 +148,7 @@ def test_replay_is_limited_to_ahead():
         for update in range(1, 5):
             assert len(audience.sent) <= 10 * update + 1
             audience.playback.acknowledge((100 + update) * SECOND)
-            audience.wait_for(min(50, 10 * update + 5))
+            audience.wait_for(min(50, 10 * update + 11))
         summary = audience.end()
     assert (summary.clouds, summary.updates, summary.missed) == (50, 4, 0)
 

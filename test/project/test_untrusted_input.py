@@ -37,9 +37,8 @@ RARE = {
     ("process.py", "_report"): "once, at the end",
     ("replayer.py", "_play"): "once, at the end",
     ("segmenter_node.py", "_check_frame"): "for the first ten frames",
-    ("segmenter_node.py", "_subscribe"): "once, when ready",
+    ("segmenter_node.py", "_work"): "twice, at the start",
     ("worker.py", "_update"): "has a quota",
-    ("worker.py", "run"): "once, at the start",
 }
 
 

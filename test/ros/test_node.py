@@ -478,7 +478,7 @@ def test_update_finished_after_shutdown_publishes_no_markers(late, inside, domai
             assert begun.wait(LIMIT)
         assert not inside.close()
         may_end.set()
-        inside._worker.join(LIMIT)
+        inside._thread.join(LIMIT)
         inside._outputs._publishers[ELLIPSOIDS].publish(MarkerArray())  # the last
         markers.wait(lambda message: not message.markers)
     drawn = [actions(message) for message in markers.messages]

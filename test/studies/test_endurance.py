@@ -14,7 +14,6 @@ from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import labelled_fields
 from ellipseg_ros.io.topics import SEGMENTS
-from ellipseg_ros.node.memory import state_bytes
 from ellipseg_ros.records import SECOND
 from ellipseg_ros.segmenter import Segmenter
 from studies.endurance import subjects
@@ -24,6 +23,7 @@ from studies.endurance.endurance import endurance, equal_segments
 from studies.endurance.idle_report import COUNTS, idle_report
 from studies.endurance.requirements import Options, Requirement
 from studies.endurance.subjects import Subject
+from studies.memory import state_bytes
 
 
 def test_an_endless_drive_continues_in_time_and_place_with_new_noise():

@@ -13,8 +13,9 @@ from tables import check_tables
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.node.memory import peak_mb, reset_peak, resident_mb
+from ellipseg_ros.node.memory import peak_mb, resident_mb
 from ellipseg_ros.segmenter import segment
+from studies.memory import reset_peak
 from studies.partition import study
 from studies.partition.__main__ import main
 from studies.partition.chart import draw

@@ -13,11 +13,10 @@ from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from ellipseg_ros.errors import EllipsegError
-from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.ros.process import End, Runnable, run
 
 STARTED = "calling"
 CONCURRENT_CALLS = 4  # of one service
@@ -25,16 +24,14 @@ SERVICE_TIMEOUT_S = 30.0  # until there is a service
 ANSWER_TIMEOUT_S = 20.0  # for the last answers: a tuning takes seconds
 
 
-class ServiceFlood:
+class ServiceFlood(Runnable):
     """Calls services of the node `target` concurrently.
 
     Raises EllipsegError if one of them does not exist.
     """
 
-    pauses = None
-
     def __init__(self, target: str, services: list[str], end: End) -> None:
-        self.node = Node("ellipseg_service_flood")
+        super().__init__("ellipseg_service_flood")
         self._changed = Condition()
         self._sent: Counter[str] = Counter()
         self._answered: Counter[str] = Counter()

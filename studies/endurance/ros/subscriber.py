@@ -7,31 +7,23 @@ import json
 import sys
 import time
 
-from rclpy.node import Node
-
-from ellipseg_ros.ros.process import End, run
+from ellipseg_ros.ros.process import End, Runnable, run
 from ellipseg_ros.ros.subscriptions import header_stamp_ns, subscribe_outputs
 
 STAMPED = "segments"  # the last topic of an update
 
 
-class Subscriber:
+class Subscriber(Runnable):
     """Subscribes to all topics of a segmenter; messages stay bytes, to cost little time."""
 
-    pauses = None
-
     def __init__(self, end: End) -> None:
-        self.node = Node("ellipseg_measuring_subscriber")
+        super().__init__("ellipseg_measuring_subscriber")
         subscribe_outputs(
             self.node,
             self._on_message,
             lambda: print_line({"connected": True}),
             lambda values: print_line({"diagnostics": values}),
         )
-
-    def close(self) -> bool:
-        """Return True: there is no thread to end."""
-        return True
 
     def _on_message(self, topic: str, data: bytes) -> None:
         now = time.monotonic_ns()
