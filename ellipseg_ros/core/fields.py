@@ -56,6 +56,14 @@ def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:
     return joined
 
 
+def record_layout(fields: dict[str, tuple[np.dtype[Any], int]], itemsize: int) -> np.dtype[Any]:
+    """Layout of a structured array from the type and offset of every field."""
+    formats, offsets = [kind for kind, _ in fields.values()], [at for _, at in fields.values()]
+    return np.dtype(
+        {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": itemsize}
+    )
+
+
 def clashing_field(one: Layout, other: Layout) -> str:
     """Name of a field whose counts differ between the layouts; empty if they can be joined."""
     if one is None or other is None or one == other:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ellipseg_ros.core.fields import record_layout
 from ellipseg_ros.records import SECOND, Array, Ragged
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # the header
@@ -139,21 +140,12 @@ def _phases(first: int, sizes: dict[int, int], extra: Array) -> Array:
 
 def _layout(columns: dict[str, Array], start: int, padded: bool = True) -> np.dtype[Any]:
     """Layout of a record that starts at `start` modulo 8; padded: to a multiple of 4 bytes."""
-    kinds: dict[str, np.dtype[Any]] = {
-        name: np.dtype((c.dtype, c.shape[1:])) for name, c in columns.items()
-    }
-    offsets = []
+    fields: dict[str, tuple[np.dtype[Any], int]] = {}
     place = start
-    for kind in kinds.values():
+    for name, column in columns.items():
+        kind = np.dtype((column.dtype, column.shape[1:]))
         place += -place % (4 if kind.names else kind.base.itemsize)
-        offsets.append(place - start)
+        fields[name] = (kind, place - start)
         place += kind.itemsize
     size = place - start
-    return np.dtype(
-        {
-            "names": list(kinds),
-            "formats": list(kinds.values()),
-            "offsets": offsets,
-            "itemsize": size + (-size % 4 if padded else 0),
-        }
-    )
+    return record_layout(fields, size + (-size % 4 if padded else 0))

@@ -1,13 +1,13 @@
 """Serialized SegmentArray, LandmarkArray and MarkerArray messages of a segmentation."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.io.cdr import Cdr, sequences, texts
-from ellipseg_ros.io.colours import id_colours, shape_colours
-from ellipseg_ros.records import SECOND, Array, Landmarks, Objects, Ragged, Segmentation, State
+from ellipseg_ros.io.colours import GOLDEN, id_colours, shape_colours
+from ellipseg_ros.records import SECOND, Array, Landmarks, Ragged, Segmentation, State
 
 SPHERE = 2  # of visualization_msgs/Marker
 ADD, DELETE, DELETE_ALL = 0, 2, 3
@@ -16,7 +16,10 @@ MIN_AXIS_M = 1e-3  # m: shortest axis of a marker: RViz rejects a scale of 0
 OPACITY = 0.7
 LIFETIME_S = 10  # s, of the viewer's clock
 REPEAT_NS = 5 * SECOND  # ns, sensor time within which every marker is sent again
-GOLDEN_RATIO_CONJUGATE = 0.618033988749895  # its multiples modulo 1 are evenly spread
+# Types of the fields of a Marker after `lifetime`, all empty: frame_locked, points, colors,
+# texture_resource, texture (stamp, frame_id, format, data), uv_coordinates, text, mesh_resource,
+# mesh_file (filename, data), mesh_use_embedded_materials.
+EMPTY = "bool sequence sequence text time text text sequence sequence text text text sequence bool"
 
 
 # --- segments --------------------------------------------------------------------------------
@@ -44,18 +47,28 @@ def write_segments(segmentation: Segmentation, selection: Selection | None = Non
     out.put("IIII", counts.segmented, counts.isolated, counts.rejected, counts.thinned)
     out.put("II", segmentation.late, segmentation.evicted)
     order = _ascending(segmentation.ids, None if selection is None else selection.segments)
-    columns = {name: column[order] for name, column in _segment_columns(segmentation).items()}
+    shape = "count mean covariance axes eigenvalues planarity cylindricality sphericity aicc"
+    columns = _columns(segmentation, "ids object_ids state", order)
+    columns |= _columns(segmentation.ellipsoids, shape, order)
+    columns |= _columns(segmentation, "first_seen_ns last_seen_ns", order)
     out.records(columns, sequences(_rows(segmentation.parents, order)))
     out.numbers(np.sort(segmentation.removed).astype(np.uint32))
-    if segmentation.objects is None:
-        out.put("I", 0)
-    else:
-        order = _ascending(
-            segmentation.objects.ids, None if selection is None else selection.objects
-        )
-        _write_objects(out, segmentation.objects, segmentation.ids, order)
+    _write_objects(out, segmentation, None if selection is None else selection.objects)
     out.numbers(np.sort(segmentation.removed_objects).astype(np.uint32))
     return out.bytes()
+
+
+def _write_objects(out: Cdr, segmentation: Segmentation, selection: Array | None) -> None:
+    """Append the objects; selection: (o,) bool, None for all."""
+    objects = segmentation.objects
+    if objects is None:
+        out.put("I", 0)
+        return
+    order = _ascending(objects.ids, selection)
+    names = "ids state count mean covariance box_min box_max planarity cylindricality sphericity"
+    members = _segment_ids(objects.members, segmentation.ids)
+    tail = sequences(_rows(members, order), _rows(objects.parents, order))
+    out.records(_columns(objects, names, order), tail)
 
 
 def _ascending(ids: Array, selection: Array | None) -> Array:
@@ -64,49 +77,13 @@ def _ascending(ids: Array, selection: Array | None) -> Array:
     return order if selection is None else order[selection[order]]
 
 
-def _write_objects(out: Cdr, objects: Objects, ids: Array, order: Array) -> None:
-    """Append the objects of these rows; ids: (s,) of all segments."""
-    columns = {name: column[order] for name, column in _object_columns(objects).items()}
-    by_object = np.lexsort((ids, objects.segment_labels))
-    members = Ragged(objects.members.starts, ids[by_object])
-    out.records(columns, sequences(_rows(members, order), _rows(objects.parents, order)))
-
-
-def _object_columns(objects: Objects) -> dict[str, Array]:
-    """Columns for the fields of Object.msg up to `segments`, in the order of the message."""
-    return {
-        "id": objects.ids.astype(np.uint32),
-        "state": objects.state.astype(np.uint8),
-        "count": objects.count.astype(np.uint32),
-        "mean": objects.mean,
-        "covariance": objects.covariance.reshape(-1, 9),
-        "box_min": objects.box_min,
-        "box_max": objects.box_max,
-        "planarity": objects.planarity,
-        "cylindricality": objects.cylindricality,
-        "sphericity": objects.sphericity,
-    }
-
-
-def _segment_columns(segmentation: Segmentation) -> dict[str, Array]:
-    """Columns for the fields of Segment.msg up to `parents`, in the order of the message."""
-    shape = segmentation.ellipsoids
-    return {
-        "id": segmentation.ids.astype(np.uint32),
-        "object_id": segmentation.object_ids,
-        "state": segmentation.state.astype(np.uint8),
-        "count": shape.count.astype(np.uint32),
-        "mean": shape.mean,
-        "covariance": shape.covariance.reshape(-1, 9),
-        "orientation": quaternions(shape.axes),
-        "sigma": np.sqrt(shape.eigenvalues),
-        "planarity": shape.planarity,
-        "cylindricality": shape.cylindricality,
-        "sphericity": shape.sphericity,
-        "aicc": shape.aicc,
-        "first_seen": _times(segmentation.first_seen_ns),
-        "last_seen": _times(segmentation.last_seen_ns),
-    }
+def _columns(record: Any, names: str, rows: Any) -> dict[str, Array]:
+    """Columns for the fields of a message, in its order, from rows of the fields of a record."""
+    columns = {name: getattr(record, name)[rows] for name in names.split()}
+    for name, convert in CONVERSIONS.items():
+        if name in columns:
+            columns[name] = convert(columns[name])
+    return columns
 
 
 def _rows(ragged: Ragged, order: Array) -> Ragged:
@@ -114,6 +91,13 @@ def _rows(ragged: Ragged, order: Array) -> Ragged:
     starts = np.append(0, np.cumsum(lengths))
     moved = np.repeat(ragged.starts[order] - starts[:-1], lengths)
     return Ragged(starts, ragged.values[moved + np.arange(len(moved))])
+
+
+def _segment_ids(segments: Ragged, ids: Array) -> Ragged:
+    """Ids instead of rows of segments, ascending in every row of the result."""
+    values = ids[segments.values]
+    owner = np.repeat(np.arange(len(segments)), np.diff(segments.starts))
+    return Ragged(segments.starts, values[np.lexsort((values, owner))])
 
 
 def quaternions(axes: Array) -> Array:
@@ -141,37 +125,28 @@ def _times(ns: Array) -> Array:
     return np.column_stack([ns // SECOND, ns % SECOND]).astype(np.int64).astype(np.uint32)
 
 
+CONVERSIONS = {
+    "count": np.uint32,
+    "axes": quaternions,
+    "eigenvalues": np.sqrt,
+    "first_seen_ns": _times,
+    "last_seen_ns": _times,
+}
+
+
 # --- landmarks -------------------------------------------------------------------------------
 
 
 def write_landmarks(segmentation: Segmentation, landmarks: Landmarks) -> bytes:
     """Serialize an ellipseg_ros/LandmarkArray in ascending order of id."""
+    names = "ids kind count position axes sigma box_min box_max covariance stability first_seen_ns"
     out = Cdr()
     out.header(segmentation.end_ns, segmentation.frame_id)
     out.put("I", segmentation.sequence)
-    ids = segmentation.ids[landmarks.segments.values]
-    owner = np.repeat(np.arange(len(landmarks)), np.diff(landmarks.segments.starts))
-    members = Ragged(landmarks.segments.starts, ids[np.lexsort((ids, owner))].astype(np.uint32))
-    out.records(_landmark_columns(landmarks), sequences(members))
+    segments = _segment_ids(landmarks.segments, segmentation.ids)
+    out.records(_columns(landmarks, names, slice(None)), sequences(segments))
     out.numbers(landmarks.removed.astype(np.uint32))
     return out.bytes()
-
-
-def _landmark_columns(landmarks: Landmarks) -> dict[str, Array]:
-    """Columns for the fields of Landmark.msg up to `segments`, in the order of the message."""
-    return {
-        "id": landmarks.ids.astype(np.uint32),
-        "kind": landmarks.kind.astype(np.uint8),
-        "count": landmarks.count.astype(np.uint32),
-        "position": landmarks.position,
-        "orientation": quaternions(landmarks.axes),
-        "sigma": landmarks.sigma,
-        "box_min": landmarks.box_min,
-        "box_max": landmarks.box_max,
-        "covariance": landmarks.covariance.reshape(-1, 36),
-        "stability": landmarks.stability,
-        "first_seen": _times(landmarks.first_seen_ns),
-    }
 
 
 # --- markers ---------------------------------------------------------------------------------
@@ -216,19 +191,16 @@ class MarkerStream:
         if send_all or delete_all or self._send_all or segmentation.sequence != self._sequence + 1:
             send = np.ones(len(rows), bool)
         else:
-            send = (segmentation.state[rows] != State.UNCHANGED) | self._due(
-                ids, segmentation.end_ns
-            )
+            send = segmentation.state[rows] != State.UNCHANGED
+            send |= self._due(ids, segmentation.end_ns)
             if self._config.marker_colour == "object":
                 send |= self._lookup(self._objects, ids, 0) != segmentation.object_ids[rows]
-        removed = np.setdiff1d(self._shown, ids, True)
+        removed = np.setdiff1d(np.zeros(0, np.uint32) if delete_all else self._shown, ids, True)
         self._sent = np.where(send, segmentation.end_ns, self._last_sent(ids))
         self._objects = segmentation.object_ids[rows]
         self._shown, self._sequence, self._end_ns = ids, segmentation.sequence, segmentation.end_ns
         self._send_all = self._first = False
-        return self._write(
-            segmentation, rows[send], removed[:0] if delete_all else removed, delete_all
-        )
+        return self._write(segmentation, rows[send], removed, delete_all)
 
     def _due(self, ids: Array, end_ns: int) -> Array:
         """(s,) bool: the markers whose repetition can't wait for the next update.
@@ -237,7 +209,7 @@ class MarkerStream:
         repetitions stay spread over the updates.
         """
         last = self._last_sent(ids)
-        fraction = (ids + last // 10**8 % 10**6) * GOLDEN_RATIO_CONJUGATE % 1.0
+        fraction = (ids + last // 10**8 % 10**6) * GOLDEN % 1.0
         step = end_ns - self._end_ns
         return np.asarray(end_ns + step - last > REPEAT_NS * (0.5 + 0.5 * fraction))
 
@@ -255,68 +227,42 @@ class MarkerStream:
         self, segmentation: Segmentation, rows: Array, removed: Array, delete_all: bool
     ) -> bytes:
         """Serialize deletions, then the markers of the rows; delete_all: deletes all first."""
-        deletions = np.append(np.zeros(int(delete_all), np.uint32), removed)
-        action = np.full(len(deletions) + len(rows), ADD, np.int32)
-        action[: len(deletions)] = DELETE
-        action[: len(deletions) - len(removed)] = DELETE_ALL
         shape = segmentation.ellipsoids
-        sigma = np.sqrt(shape.eigenvalues[rows])
         if self._config.marker_colour == "object":
             rgb = id_colours(segmentation.object_ids[rows]) / 255.0
         else:
             rgb = shape_colours(shape.planarity, shape.cylindricality, shape.sphericity)[rows]
+        axes_m = 2.0 * self._config.marker_sigmas * np.sqrt(shape.eigenvalues[rows])
         drawn = {
             "position": shape.mean[rows],
             "orientation": quaternions(shape.axes[rows]),
-            "scale": np.maximum(2.0 * self._config.marker_sigmas * sigma, MIN_AXIS_M),
+            "scale": np.maximum(axes_m, MIN_AXIS_M),
             "rgba": np.insert(rgb, 3, OPACITY, axis=1).astype(np.float32),
         }
-        parts = {
-            name: np.vstack([np.zeros((len(deletions), column.shape[1])), column])
-            for name, column in drawn.items()
+        deletions = np.append(np.zeros(int(delete_all), np.uint32), removed)
+        for name, column in drawn.items():
+            drawn[name] = np.pad(column, ((len(deletions), 0), (0, 0)))
+        drawn["orientation"][: len(deletions), 3] = 1.0
+        count = len(deletions) + len(rows)
+        empty = {
+            "bool": np.zeros(count, np.uint8),
+            "sequence": np.zeros(count, np.uint32),
+            "text": texts("", count),
+            "time": np.zeros((count, 2), np.uint32),
         }
-        parts["orientation"][: len(deletions), 3] = 1.0
+        columns = {
+            "stamp": empty["time"] + _times(np.array([segmentation.end_ns])),
+            "frame_id": texts(segmentation.frame_id, count),
+            "ns": texts(NAMESPACE, count),
+            "id": np.append(deletions, segmentation.ids[rows]).astype(np.uint32).view(np.int32),
+            "type": np.full(count, SPHERE, np.int32),
+            "action": np.full(count, ADD, np.int32),
+            **drawn,
+            "lifetime": empty["time"] + np.array([LIFETIME_S, 0], np.uint32),
+            **{f"empty {k}": empty[kind] for k, kind in enumerate(EMPTY.split())},
+        }
+        columns["action"][: len(deletions)] = DELETE
+        columns["action"][: int(delete_all)] = DELETE_ALL
         out = Cdr()
-        out.records(
-            _marker_columns(
-                segmentation, np.append(deletions, segmentation.ids[rows]), action, parts
-            )
-        )
+        out.records(columns)
         return out.bytes()
-
-
-def _marker_columns(
-    segmentation: Segmentation, ids: Array, action: Array, drawn: dict[str, Array]
-) -> dict[str, Array]:
-    """Columns for the fields of visualization_msgs/Marker; its sequences stay empty."""
-    count = len(ids)
-    zero = np.zeros(count, np.uint32)
-    no_text = texts("", count)
-    no_time = np.zeros((count, 2), np.uint32)
-    return {
-        "stamp": np.tile(_times(np.array([segmentation.end_ns])), (count, 1)),
-        "frame_id": texts(segmentation.frame_id, count),
-        "ns": texts(NAMESPACE, count),
-        "id": ids.astype(np.uint32).view(np.int32),
-        "type": np.full(count, SPHERE, np.int32),
-        "action": action,
-        "position": drawn["position"],
-        "orientation": drawn["orientation"],
-        "scale": drawn["scale"],
-        "rgba": drawn["rgba"].astype(np.float32),
-        "lifetime": no_time + np.array([LIFETIME_S, 0], np.uint32),
-        "frame_locked": zero.astype(np.uint8),
-        "points": zero,
-        "colors": zero,
-        "texture_resource": no_text,
-        "texture stamp": no_time,
-        "texture frame_id": no_text,
-        "texture format": no_text,
-        "texture data": zero,
-        "uv_coordinates": zero,
-        "text": no_text,
-        "mesh_resource": no_text,
-        "mesh_file filename": no_text,
-        "mesh_file data": zero,
-        "mesh_use_embedded_materials": zero.astype(np.uint8),
-    }

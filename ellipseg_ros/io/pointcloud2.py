@@ -4,11 +4,12 @@ Messages may be of rclpy or of rosbags. sensor_msgs_py is not used: it ignores r
 NaN by `is_dense`, and is not on PyPI.
 """
 
+from collections.abc import Container
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from ellipseg_ros.core.fields import MAX_FIELDS_BYTES
+from ellipseg_ros.core.fields import MAX_FIELDS_BYTES, record_layout
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
 from ellipseg_ros.io.colours import id_colours
@@ -21,6 +22,7 @@ Layout: TypeAlias = np.dtype[Any]
 # PointField's numbers for types.
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 NUMBERS = {kind: number for number, kind in TYPES.items()}
+WIDER = {"b1": "u1", "f2": "f4", "i8": "f8", "u8": "f8"}  # for types that PointField lacks
 MAX_UNUSED_RATIO = 1.25  # bytes of a message to bytes of its points, above which it is copied
 PADDING = ("", "_")  # names of gaps in PCL
 OUTPUT_FIELDS = ("label", "rgb", "object")  # input fields with these names become input_...
@@ -60,12 +62,11 @@ def read_fields(msg: Any) -> Array:
     check_xyz(layout)
     if not count:
         return np.zeros(0, layout.newbyteorder("="))
-    width, row_step = msg.width, msg.row_step
-    if msg.height == 1:  # then row_step means nothing, and many publishers leave it 0
-        row_step = width * msg.point_step
+    # With one row, row_step means nothing, and many publishers leave it 0.
+    row_step = msg.row_step if msg.height > 1 else msg.width * msg.point_step
     _check_size(msg, row_step)
     data = memoryview(msg.data).cast("B")
-    rows = np.ndarray((msg.height, width), layout, data, strides=(row_step, msg.point_step))
+    rows = np.ndarray((msg.height, msg.width), layout, data, strides=(row_step, msg.point_step))
     fields = as_native(rows.reshape(count))
     # Do not keep a large message alive for few points.
     return fields.copy() if len(data) > MAX_UNUSED_RATIO * count * msg.point_step else fields
@@ -83,10 +84,12 @@ def xyz(fields: Array) -> Array:
 def as_native(fields: Array) -> Array:
     """Structured points in the byte order of this machine, the same layout otherwise."""
     native = fields.dtype.newbyteorder("=")
-    if fields.dtype == native:
-        return fields
-    converted = np.zeros(len(fields), native)
-    for name in native.names or ():
+    return fields if fields.dtype == native else _convert(fields, native)
+
+
+def _convert(fields: Array, layout: Layout) -> Array:
+    converted = np.zeros(len(fields), layout)
+    for name in layout.names or ():
         converted[name] = fields[name]
     return converted
 
@@ -94,19 +97,20 @@ def as_native(fields: Array) -> Array:
 def _layout(msg: Any, count: int) -> Layout:
     """The message's fields as a structured dtype with an itemsize of point_step."""
     order = ">" if msg.is_bigendian else "<"
-    names: list[str] = []
-    formats: list[Any] = []
-    offsets: list[int] = []
-    total = 0
+    fields: dict[str, tuple[Layout, int]] = {}
+    point_step, total = msg.point_step, 0
     for field in msg.fields:
         if field.name in PADDING:
             continue
         check_name("field", field.name)
-        if field.name in names:
+        if field.name in fields:
             raise InputError(
                 f"the cloud has two fields named {field.name!r}; names must differ", "field_twice"
             )
-        kind = _kind(field)
+        kind = TYPES.get(field.datatype)
+        if kind is None:
+            problem = f"has datatype {field.datatype}; PointField has 1 to 8"
+            raise InputError(f"field {field.name!r} {problem}", "datatype")
         number = max(field.count, 1)  # some publishers write 0 for 1
         size = number * np.dtype(kind).itemsize
         end = field.offset + size
@@ -122,21 +126,10 @@ def _layout(msg: Any, count: int) -> Layout:
                 f"the fields of a point hold more than {MAX_FIELDS_BYTES} bytes, the maximum",
                 "fields",
             )
-        names.append(field.name)
-        formats.append(order + kind if number == 1 else (order + kind, (number,)))
-        offsets.append(field.offset)
-    ends = [o + np.dtype(f).itemsize for o, f in zip(offsets, formats, strict=True)]
-    size = max([msg.point_step, *ends])
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
-
-
-def _kind(field: Any) -> str:
-    if field.datatype not in TYPES:
-        raise InputError(
-            f"field {field.name!r} has datatype {field.datatype}; PointField has 1 to 8",
-            "datatype",
-        )
-    return TYPES[field.datatype]
+        shape = () if number == 1 else (number,)
+        fields[field.name] = (np.dtype((order + kind, shape)), field.offset)
+        point_step = max(point_step, end)
+    return record_layout(fields, point_step)
 
 
 def check_xyz(layout: Layout) -> None:
@@ -160,13 +153,11 @@ def check_xyz(layout: Layout) -> None:
 
 
 def _check_size(msg: Any, row_step: int) -> None:
-    if row_step < msg.width * msg.point_step:
-        raise InputError(
-            f"row_step is {row_step}; {msg.width} points of {msg.point_step} bytes need at least "
-            f"{msg.width * msg.point_step}",
-            "row_step",
-        )
-    needed = (msg.height - 1) * row_step + msg.width * msg.point_step
+    row_bytes = msg.width * msg.point_step
+    if row_step < row_bytes:
+        points = f"{msg.width} points of {msg.point_step} bytes"
+        raise InputError(f"row_step is {row_step}; {points} need at least {row_bytes}", "row_step")
+    needed = (msg.height - 1) * row_step + row_bytes
     if len(msg.data) < needed:
         raise InputError(
             f"the cloud holds {len(msg.data)} bytes of data; {msg.height} x {msg.width} points "
@@ -223,36 +214,28 @@ def with_xyz(points: Array, fields: Array | None, max_rounding: float) -> Array:
     finite = points[np.isfinite(points).all(axis=1)]
     with np.errstate(over="ignore"):
         moved = np.abs(finite - finite.astype(np.float32))
-    kind = "f8" if moved.max(initial=0.0) > max_rounding else "f4"
-    base = np.zeros(len(points), [(name, kind) for name in "xyz"])
-    for column, name in enumerate("xyz"):
-        with np.errstate(over="ignore"):
+        kind = "f8" if moved.max(initial=0.0) > max_rounding else "f4"
+        base = np.zeros(len(points), [(name, kind) for name in "xyz"])
+        for column, name in enumerate("xyz"):
             base[name] = points[:, column]
     if fields is None:
         return base
-    return append_fields(base, {name: _point_field_types(fields)[name] for name in names}, ())
+    converted = _point_field_types(fields)
+    return append_fields(base, {name: converted[name] for name in names}, ())
 
 
 def append_fields(fields: Array, added: dict[str, Array], reserved: tuple[str, ...]) -> Array:
     """Append columns to fields; fields with a reserved name become input_..."""
     old = field_layout(fields.dtype)
-    names = list(old)
-    for name in reserved:
-        if name in names:
-            names[names.index(name)] = _unused_name(name, names)
-    formats: list[Any] = [kind for kind, _ in old.values()]
-    offsets = [place for _, place in old.values()]
+    names = [_unused_name(name, old) if name in reserved else name for name in old]
+    layout = dict(zip(names, old.values(), strict=True))
     size = end = fields.dtype.itemsize
     for name, column in added.items():
         kind = np.dtype((column.dtype, column.shape[1:]))
         end += -end % kind.base.itemsize
-        names.append(name)
-        formats.append(kind)
-        offsets.append(end)
+        layout[name] = (kind, end)
         end += kind.itemsize
-    end += -end % 4
-    layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": end})
-    extended = np.zeros(len(fields), layout)
+    extended = np.zeros(len(fields), record_layout(layout, end + -end % 4))
     # As bytes: field by field is slower, and loses the gaps between fields.
     as_bytes(extended)[:, :size] = as_bytes(np.ascontiguousarray(fields))
     for name, column in added.items():
@@ -270,7 +253,7 @@ def as_bytes(fields: Array) -> Array:
     return fields.view(np.uint8).reshape(len(fields), fields.dtype.itemsize)
 
 
-def _unused_name(name: str, taken: list[str]) -> str:
+def _unused_name(name: str, taken: Container[str]) -> str:
     while name in taken:
         name = f"input_{name}"
     return name
@@ -283,23 +266,17 @@ def _point_field_types(fields: Array) -> Array:
     }
     if all(fields.dtype[name] == kind for name, kind in kinds.items()):
         return fields
-    converted = np.zeros(len(fields), list(kinds.items()))
-    for name in kinds:
-        converted[name] = fields[name]
-    return converted
+    return _convert(fields, np.dtype(list(kinds.items())))
 
 
 def _point_field_type(name: str, kind: Layout) -> Layout:
     """bool -> uint8, float16 -> float32, 64-bit integers -> float64 (exact up to 2^53)."""
-    base = kind.base.newbyteorder("=")
-    if base.str[1:] in NUMBERS:
-        return np.dtype((base, kind.shape))
-    wider = {"b1": "u1", "f2": "f4", "i8": "f8", "u8": "f8"}.get(base.str[1:])
-    if wider is None:
-        raise InputError(
-            f"field {name!r} is {base.name}; a cloud holds numbers only", "field_type"
-        )
-    return np.dtype((wider, kind.shape))
+    code = kind.base.str[1:]
+    code = WIDER.get(code, code)
+    if code not in NUMBERS:
+        problem = f"field {name!r} is {kind.base.name}; a cloud holds numbers only"
+        raise InputError(problem, "field_type")
+    return np.dtype((code, kind.shape))
 
 
 def write_cloud(fields: Array, stamp_ns: int, frame_id: str) -> bytes:

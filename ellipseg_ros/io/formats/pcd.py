@@ -4,10 +4,11 @@ Read with pypcd4: BSD, maintained, with wheels for every Python from 3.10 on.
 """
 
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
+from ellipseg_ros.core.fields import record_layout
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.formats.common import check_size, damaged, header_lines
 from ellipseg_ros.io.pointcloud2 import field_layout
@@ -27,19 +28,13 @@ def read(path: Path) -> Array:
     data = np.atleast_1d(cloud.pc_data)
     if len(data) != meta.points:
         raise InputError(f"it holds {len(data)} points where its header says {meta.points}")
-    names: list[str] = []
-    formats: list[Any] = []
-    offsets: list[int] = []
+    fields: dict[str, tuple[np.dtype[Any], int]] = {}
     columns = iter(field_layout(data.dtype).values())
     for name, count in zip(meta.fields, meta.count, strict=True):
         kind, place = [next(columns) for _ in range(count)][0]  # there is a column per value
         if name.isidentifier():  # the library gives padding, `_`, an odd name
-            names.append(name)
-            formats.append(kind if count == 1 else (kind, (count,)))
-            offsets.append(place)
-    size = data.dtype.itemsize
-    layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
-    return np.asarray(data.view(np.dtype(cast(Any, layout))))
+            fields[name] = (np.dtype((kind, () if count == 1 else (count,))), place)
+    return np.asarray(data.view(record_layout(fields, data.dtype.itemsize)))
 
 
 def _check_header(path: Path) -> None:
