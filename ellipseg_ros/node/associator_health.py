@@ -3,15 +3,7 @@
 import time
 from collections import Counter, deque
 
-from ellipseg_ros.node.health import (
-    ERROR,
-    INPUT_TIMEOUT_S,
-    OK,
-    TIMED_UPDATES,
-    WARN,
-    Report,
-    quantiles,
-)
+from ellipseg_ros.node import health
 from ellipseg_ros.node.memory import resident_mb
 from ellipseg_ros.records import Association, Verdict
 
@@ -28,7 +20,7 @@ class AssociatorHealth:
         self._total: Counter[str] = Counter()
         self._last_rejection = ""
         self._input_time = time.monotonic()
-        self._processing: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
+        self._processing: deque[float] = deque(maxlen=health.TIMED_UPDATES)  # s
         self._last: Association | None = None
 
     def rejected(self, reason: str) -> None:
@@ -46,23 +38,23 @@ class AssociatorHealth:
         self._processing.append(seconds)
         self._last = association
 
-    def report(self, map_size: int) -> Report:
+    def report(self, map_size: int) -> health.Report:
         """Summarize the time since the last report; map_size: number of stored landmarks."""
         self._total += self._new
         level, message = self._judge()
         self._new.clear()
-        return Report(level, message, self._values(map_size))
+        return health.Report(level, message, self._values(map_size))
 
     def _judge(self) -> tuple[int, str]:
         if self._new["rejected"]:
-            level = WARN if self._new["updates"] else ERROR
+            level = health.WARN if self._new["updates"] else health.ERROR
             return level, f"landmarks rejected: {self._last_rejection}"
         if not self._total["updates"]:
-            return WARN, "no landmarks yet"
+            return health.WARN, "no landmarks yet"
         idle = time.monotonic() - self._input_time
-        if idle > INPUT_TIMEOUT_S:
-            return WARN, f"no landmarks for {idle:.0f} s"
-        return OK, "associating"
+        if idle > health.INPUT_TIMEOUT_S:
+            return health.WARN, f"no landmarks for {idle:.0f} s"
+        return health.OK, "associating"
 
     def _values(self, map_size: int) -> dict[str, str]:
         names = ("updates", "rejected", "pairs", *(verdict.name for verdict in Verdict))
@@ -75,5 +67,5 @@ class AssociatorHealth:
             "last undetermined": "; ".join(last.undetermined_names) if last else "",
             "time since the last landmarks [s]": f"{time.monotonic() - self._input_time:.1f}",
             "memory [MB]": f"{resident_mb():.0f}",
-            **quantiles("processing", self._processing),
+            **health.quantiles("processing", self._processing),
         }

@@ -4,11 +4,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any
 
-from rclpy.event_handler import (
-    QoSMessageLostInfo,
-    QoSSubscriptionMatchedInfo,
-    SubscriptionEventCallbacks,
-)
+from rclpy import event_handler as events
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -67,14 +63,16 @@ class CloudInput:
             depth=self._depth,
             reliability=self.reliability,
         )
-        events = SubscriptionEventCallbacks(
+        callbacks = events.SubscriptionEventCallbacks(
             message_lost=self._on_lost,
             matched=self._on_match,
             incompatible_qos=None if self._fixed else lambda _: self._adapt(),  # None: warns
         )
-        return create_subscription(self._node, POINTS, self._on_cloud, qos, event_callbacks=events)
+        return create_subscription(
+            self._node, POINTS, self._on_cloud, qos, event_callbacks=callbacks
+        )
 
-    def _on_match(self, event: QoSSubscriptionMatchedInfo) -> None:
+    def _on_match(self, event: events.QoSSubscriptionMatchedInfo) -> None:
         if event.current_count_change > 0:
             self._adapt()
 
@@ -126,7 +124,7 @@ class CloudInput:
         elif number > before:
             self._report_lost(number - before - 1)
 
-    def _on_lost(self, event: QoSMessageLostInfo) -> None:
+    def _on_lost(self, event: events.QoSMessageLostInfo) -> None:
         if self._number is None:  # else the numbers show it
             self._report_lost(event.total_count_change)
 

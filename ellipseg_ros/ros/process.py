@@ -26,6 +26,7 @@ from ellipseg_ros.settings import Checked
 PACKAGE = Path(ellipseg_ros.__file__).parent
 # Ends the process: regularly (None), or by an unexpected error.
 End = Callable[[BaseException | None], None]
+OnError = Callable[[Exception], object]  # gets an unexpected error of a thread, in that thread
 
 
 class Runnable:
@@ -49,9 +50,7 @@ class Runnable:
         return True
 
 
-def start_thread(
-    name: str, work: Callable[[], object], end: Callable[[Exception], object]
-) -> Thread:
+def start_thread(name: str, work: Callable[[], object], end: OnError) -> Thread:
     """Start a daemon thread; an error of its work goes to `end`."""
 
     def guarded() -> None:
@@ -74,9 +73,7 @@ class Spinner:
     the message is dropped; otherwise any other node could end this one.
     """
 
-    def __init__(
-        self, node: Node, end: Callable[[Exception], object], pauses: Pauses | None = None
-    ) -> None:
+    def __init__(self, node: Node, end: OnError, pauses: Pauses | None = None) -> None:
         self._pauses = pauses
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)

@@ -88,12 +88,11 @@ class Recorder(AuxiliaryNode):
         client = self.node.create_client(Trigger, RESET.name.replace("~", SEGMENTER))
         if not client.wait_for_service(timeout):
             raise EllipsegError("the node offers no service ~/reset; does it still run?")
-        answers: list[Trigger.Response] = []
         future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda it: self._update(lambda: answers.append(it.result())))
-        self._changed.wait_until(lambda: bool(answers), timeout, "~/reset is not answered")
-        if not answers[0].success:
-            raise EllipsegError(f"the node refuses ~/reset: {answers[0].message}")
+        future.add_done_callback(lambda _: self._update(lambda: None))
+        self._changed.wait_until(future.done, timeout, "~/reset is not answered")
+        if not (answer := future.result()).success:
+            raise EllipsegError(f"the node refuses ~/reset: {answer.message}")
 
     def stop(self, reason: str) -> None:
         """Make all waits fail with `reason`; thread-safe."""

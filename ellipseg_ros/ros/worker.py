@@ -1,6 +1,7 @@
 """The work of the thread that segments, so that the reception of clouds never waits for it."""
 
 import time
+from dataclasses import dataclass
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
@@ -17,32 +18,26 @@ RESTART_LOG_QUOTA = (10, 60.0)  # log lines within s; /diagnostics count all res
 IDLE_TIMEOUT_S = 4.0  # without a task, before all markers are sent again: they live 10 s
 
 
+@dataclass
 class Worker:
     """Processes the tasks of the backlog: segments, and publishes the result."""
 
-    def __init__(
-        self,
-        config: Config,
-        backlog: Backlog,
-        outputs: Outputs,
-        health: Health,
-        tuner: Tuner,
-        log: RcutilsLogger,
-    ) -> None:
-        self._config = config
-        self._backlog = backlog
-        self._outputs = outputs
-        self._health = health
-        self._tuner = tuner
-        self._log = log
-        self._segmenter = Segmenter(config)
+    config: Config
+    backlog: Backlog
+    outputs: Outputs
+    health: Health
+    tuner: Tuner
+    log: RcutilsLogger
+
+    def __post_init__(self) -> None:
+        self._segmenter = Segmenter(self.config)
         self._restart_quota = Quota(*RESTART_LOG_QUOTA)
 
     def run(self) -> None:
         """Work until the backlog is closed."""
-        while not self._backlog.closed:
-            task = self._backlog.get(timeout=IDLE_TIMEOUT_S)
-            with self._health.work():
+        while not self.backlog.closed:
+            task = self.backlog.get(timeout=IDLE_TIMEOUT_S)
+            with self.health.work():
                 self._process(task)
 
     def _process(self, task: Task | None) -> None:
@@ -51,30 +46,30 @@ class Worker:
         elif isinstance(task, Reset):
             self._reset(task.reason)
         elif isinstance(task, Resend):
-            self._outputs.resend(task.topic)
-        elif not self._backlog.closed:
-            self._outputs.refresh_markers()
+            self.outputs.resend(task.topic)
+        elif not self.backlog.closed:
+            self.outputs.refresh_markers()
 
     def _update(self, task: Update) -> None:
         started = time.monotonic()
         try:
-            if task.config != self._config:
+            if task.config != self.config:
                 self._segmenter.configure(task.config, task.threshold_change)
-                self._config = task.config
+                self.config = task.config
             segmentation = self._segmenter.process(task.sweep)
             processed = time.monotonic()
-            if self._backlog.closed:
+            if self.backlog.closed:
                 return
             if segmentation.restart and self._restart_quota.take():
-                self._log.warning(f"the window restarts: {segmentation.restart}")
-            self._outputs.publish(segmentation, task.node_config)
+                self.log.warning(f"the window restarts: {segmentation.restart}")
+            self.outputs.publish(segmentation, task.node_config)
         except InputError as error:
-            self._health.group_rejected(error.reason)
-            self._log.warning(f"clouds rejected: {error}", **throttled())
+            self.health.group_rejected(error.reason)
+            self.log.warning(f"clouds rejected: {error}", **throttled())
             self._reset(str(error))
             return
-        self._tuner.observe(segmentation, task.config, task.node_config.auto_tune_period)
-        self._health.updated(
+        self.tuner.observe(segmentation, task.config, task.node_config.auto_tune_period)
+        self.health.updated(
             segmentation,
             processing=processed - started,
             latency=time.monotonic() - task.arrival,
@@ -83,5 +78,5 @@ class Worker:
 
     def _reset(self, reason: str) -> None:
         self._segmenter.reset(reason)
-        self._tuner.reset()
-        self._outputs.clear()
+        self.tuner.reset()
+        self.outputs.clear()
