@@ -195,7 +195,7 @@ class AssociationConfig(Checked):
 class MapConfig(Checked):
     """Selection of landmarks for the map."""
 
-    max_stability: float = setting(
+    max_instability: float = setting(
         3.0,
         "a landmark enters the map if it is at most this unstable, in standard deviations",
         "",

@@ -212,7 +212,7 @@ class Landmarks:
     box_min: Array  # (l, 3) float64, m: corners of the box around the points, along the
     box_max: Array  # (l, 3) landmark's axes and relative to its position
     covariance: Array  # (l, 6, 6), m, rad: of the determined motions, see DETERMINED; else 0
-    stability: Array  # (l,) float64: RMS motion in the last updates, in standard deviations
+    instability: Array  # (l,) float64: RMS motion in the last updates, in standard deviations
     first_seen_ns: Array  # (l,) int64: end of the window in which it was first a landmark
     segments: Ragged = field(
         default_factory=lambda: Ragged(np.zeros(1, np.int64), np.zeros(0, np.int64))

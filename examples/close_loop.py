@@ -143,7 +143,7 @@ def landmark(kind: Kind, place: np.ndarray, azimuth: float, rng: np.random.Gener
         box_min=-half[None],
         box_max=half[None],
         covariance=covariance[None],
-        stability=np.zeros(1),
+        instability=np.zeros(1),
         first_seen_ns=np.zeros(1, np.int64),
     )
 

@@ -47,7 +47,7 @@ def landmarks(kind, position, axes, half, covariance=None):
         box_min=-np.asarray(half, np.float64).reshape(n, 3),
         box_max=np.asarray(half, np.float64).reshape(n, 3),
         covariance=covariance,
-        stability=np.zeros(n),
+        instability=np.zeros(n),
         first_seen_ns=np.zeros(n, np.int64),
     )
 

@@ -21,7 +21,7 @@ ROW_SHAPES = {  # of the arrays of Landmarks: shape of one row, and type
     "box_min": ((3,), np.float64),
     "box_max": ((3,), np.float64),
     "covariance": ((6, 6), np.float64),
-    "stability": ((), np.float64),
+    "instability": ((), np.float64),
     "first_seen_ns": ((), np.int64),
 }
 
@@ -188,7 +188,7 @@ class LandmarkMap:
     def _expire(self, expired: Landmarks) -> None:
         """Store the landmarks that are stable and new; the oldest go if there are too many."""
         age = self._stamp_ns - expired.first_seen_ns
-        enters = expired.stability <= self.config.max_stability
+        enters = expired.instability <= self.config.max_instability
         enters &= age >= round(self.config.min_age * SECOND)
         enters &= ~np.isin(expired.ids, np.array(sorted(self._recognized), np.int64))
         added = select_landmarks(expired, enters)

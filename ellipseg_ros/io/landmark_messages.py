@@ -39,7 +39,7 @@ def read_landmarks(message: Any) -> Landmarks:
         box_min=_points(rows, "box_min"),
         box_max=_points(rows, "box_max"),
         covariance=_table([row.covariance for row in rows], 36).reshape(-1, 6, 6),
-        stability=np.array([row.stability for row in rows], np.float64),
+        instability=np.array([row.instability for row in rows], np.float64),
         first_seen_ns=np.array([nanoseconds(row.first_seen) for row in rows], np.int64),
     )
     if (np.diff(landmarks.ids.astype(np.int64)) == 0).any():

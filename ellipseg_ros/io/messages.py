@@ -139,7 +139,9 @@ CONVERSIONS = {
 
 def write_landmarks(segmentation: Segmentation, landmarks: Landmarks) -> bytes:
     """Serialize an ellipseg_ros/LandmarkArray in ascending order of id."""
-    names = "ids kind count position axes sigma box_min box_max covariance stability first_seen_ns"
+    names = (
+        "ids kind count position axes sigma box_min box_max covariance instability first_seen_ns"
+    )
     out = Cdr()
     out.header(segmentation.end_ns, segmentation.frame_id)
     out.put("I", segmentation.sequence)

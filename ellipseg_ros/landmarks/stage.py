@@ -13,7 +13,7 @@ from ellipseg_ros.records import Array, Landmarks, Ragged, SegmentAdjacency
 
 
 class LandmarkStage:
-    """Chooses landmarks; keeps their ids and stability from update to update."""
+    """Chooses landmarks; keeps their ids and instability from update to update."""
 
     def __init__(self) -> None:
         self._tracker = LandmarkTracker()
@@ -60,7 +60,7 @@ def landmark_records(
         box_min=fits.box_min,
         box_max=fits.box_max,
         covariance=fits.covariance,
-        stability=tracks.stability[order],
+        instability=tracks.instability[order],
         first_seen_ns=tracks.first_seen_ns[order],
         segments=_segments_of(point_labels, labels, len(order)),
         point_labels=point_labels,

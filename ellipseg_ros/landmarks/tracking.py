@@ -16,7 +16,7 @@ class LandmarkTracks(NamedTuple):
     """Identity of l landmarks, in the order of the detections."""
 
     ids: Array  # (l,) uint32
-    stability: Array  # (l,), see Landmarks
+    instability: Array  # (l,), see Landmarks
     first_seen_ns: Array  # (l,) int64
     removed: Array  # (r,) uint32, ascending: ids of the previous update that ended
 

@@ -144,7 +144,7 @@ def _landmark(k: int, kind: int, position: Array, turn: Array, case: int) -> Any
         box_min=_vector(np.full(3, -1.0)),
         box_max=_vector(np.full(3, 1.0)),
         covariance=covariance.ravel().tolist(),
-        stability=0.1,
+        instability=0.1,
         first_seen=SimpleNamespace(sec=0, nanosec=0),
         segments=[1, 2],
     )
@@ -178,7 +178,7 @@ def _spoil(row: Any, rng: np.random.Generator) -> None:
         row.sigma = [value, *row.sigma[1:]][: rng.integers(2, 5)]
     else:
         row.orientation.w = value
-        row.stability = float(rng.choice(ODD))
+        row.instability = float(rng.choice(ODD))
 
 
 def odd_segments(seed: int, case: int) -> Any:

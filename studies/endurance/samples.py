@@ -128,7 +128,7 @@ def _map(path: Path) -> None:
         box_min=-np.ones((n, 3)),
         box_max=np.ones((n, 3)),
         covariance=covariance,
-        stability=np.zeros(n),
+        instability=np.zeros(n),
         first_seen_ns=np.zeros(n, np.int64),
     )
     write_map(path, StoredMap(landmarks, np.zeros(n, np.int64), "odom", n + 1))

@@ -27,7 +27,7 @@ FINITE = {  # columns that must be finite, by record
         "cylindricality",
         "sphericity",
     ),
-    "landmarks": ("position", "axes", "sigma", "box_min", "box_max", "covariance", "stability"),
+    "landmarks": ("position", "axes", "sigma", "box_min", "box_max", "covariance", "instability"),
 }
 
 

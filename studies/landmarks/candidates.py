@@ -108,7 +108,7 @@ def as_landmarks(gaussians: Gaussians) -> Landmarks:
         box_min=-BOX_SIGMA * sigma,
         box_max=BOX_SIGMA * sigma,
         covariance=np.zeros((len(kept), 6, 6)),
-        stability=np.zeros(len(kept)),
+        instability=np.zeros(len(kept)),
         first_seen_ns=np.zeros(len(kept), np.int64),
         point_labels=rank[np.maximum(gaussians.point_labels, -1)],
     )

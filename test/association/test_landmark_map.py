@@ -20,7 +20,7 @@ from ellipseg_ros.io import map_file
 from ellipseg_ros.io.map_file import read_map, write_map
 from ellipseg_ros.records import SECOND
 
-CONFIG = MapConfig(min_age=2.0, delay=10.0, max_stability=3.0)
+CONFIG = MapConfig(min_age=2.0, delay=10.0, max_instability=3.0)
 
 
 def world(seed=0, **changes):
@@ -56,10 +56,10 @@ def test_expired_landmarks_are_stored_with_map_id_and_last_stamp():
 
 def test_only_stable_and_old_landmarks_are_stored():
     n = len(world())
-    stability, first = np.zeros(n), np.zeros(n, np.int64)
-    stability[3], first[4] = 3.1, 4 * SECOND
+    instability, first = np.zeros(n), np.zeros(n, np.int64)
+    instability[3], first[4] = 3.1, 4 * SECOND
     found = LandmarkMap(CONFIG)
-    found.update(world(stability=stability, first_seen_ns=first), 5 * SECOND, "odom", 5)
+    found.update(world(instability=instability, first_seen_ns=first), 5 * SECOND, "odom", 5)
     found.update(no_landmarks(), 6 * SECOND, "odom", 6)
     assert len(found.stored) == n - 2
 

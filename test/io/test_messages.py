@@ -130,7 +130,7 @@ def plain_landmark(found, row):
         box_min=vector("Vector3", marks.box_min[row]),
         box_max=vector("Vector3", marks.box_max[row]),
         covariance=marks.covariance[row].ravel(),
-        stability=float(marks.stability[row]),
+        instability=float(marks.instability[row]),
         first_seen=time(int(marks.first_seen_ns[row])),
         segments=np.sort(found.ids[marks.segments[row]]),
     )

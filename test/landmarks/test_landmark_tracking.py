@@ -20,8 +20,8 @@ def test_ids_persist_until_a_reset():
         seen.append(segmenter.process(Sweep(second * SECOND, points)))
     assert {tuple(found.landmarks.ids) for found in seen} == {(1,)}
     last = seen[-1].landmarks
-    assert last.first_seen_ns[0] == 0 and 0.0 < last.stability[0] < 1.0
-    assert seen[0].landmarks.stability[0] == 0.0
+    assert last.first_seen_ns[0] == 0 and 0.0 < last.instability[0] < 1.0
+    assert seen[0].landmarks.instability[0] == 0.0
     segmenter.reset()
     after = segmenter.process(Sweep(20 * SECOND, wall(rng, n=800))).landmarks
     assert list(after.removed) == [1] and list(after.ids) == [4]  # the next plane's
@@ -51,7 +51,7 @@ def arrays(found: Landmarks):
         "box_max",
         "covariance",
     )
-    return {name: getattr(found, name) for name in (*names, "stability", "point_labels")}
+    return {name: getattr(found, name) for name in (*names, "instability", "point_labels")}
 
 
 @pytest.mark.parametrize("threads", [1, 5])

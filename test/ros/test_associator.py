@@ -39,7 +39,7 @@ def message(found, stamp, frame_id="odom"):
             count=int(found.count[row]),
             sigma=found.sigma[row],
             covariance=found.covariance[row].ravel(),
-            stability=float(found.stability[row]),
+            instability=float(found.instability[row]),
         )
         for name in ("position", "box_min", "box_max"):
             point = getattr(landmark, name)
