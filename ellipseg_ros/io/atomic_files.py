@@ -15,13 +15,21 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     part = path.with_name(f".{path.name}.part")
     try:
-        yield part
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} can't be written: {error.strerror or error}", "write") from error
+        with write_errors(path):
+            yield part
+            part.replace(path)
     finally:
         with suppress(OSError):  # the folder may not exist
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Turn an OSError into an InputError, in one line: `path` can't be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path} can't be written: {error.strerror or error}", "write") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -22,6 +22,7 @@ from rosbags.typesys.store import Typestore
 import ellipseg_ros
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.errors import InputError, reason
+from ellipseg_ros.io.atomic_files import write_errors
 from ellipseg_ros.io.bag_writer import BagWriter
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
 from ellipseg_ros.io.topics import BAG_TOPICS, CLOUD, POINTS, SEGMENTS
@@ -75,9 +76,8 @@ def read_messages(path: Path, topic: str) -> Iterator[tuple[bytes, Any]]:
     """Yield the messages of one of the node's topics from a ROS 2 bag: as bytes, and decoded."""
     with _opened(_storage(path)) as reader:
         chosen = [c for c in reader.connections if c.topic == topic]
-        if not chosen:  # no connections mean all of them to rosbags
-            return
-        for connection, _, raw in reader.messages(chosen):
+        # No connections mean all of them to rosbags.
+        for connection, _, raw in reader.messages(chosen) if chosen else ():
             yield bytes(raw), node_types().deserialize_cdr(raw, connection.msgtype)
 
 
@@ -97,11 +97,9 @@ def _storage(path: Path) -> Path:
         return path
     files = _bag_files(path)
     if len(files) != 1:
-        raise InputError(
-            f"{path} has no metadata.yaml, and {len(files) or 'no'} storage files; "
-            "run `ros2 bag reindex`, or give one of the files",
-            "bad_bag",
-        )
+        problem = f"{path} has no metadata.yaml, and {len(files) or 'no'} storage files"
+        advice = "run `ros2 bag reindex`, or give one of the files"
+        raise InputError(f"{problem}; {advice}", "bad_bag")
     return files[0]
 
 
@@ -118,32 +116,26 @@ def _opened(path: Path) -> Iterator[Reader1 | Reader2]:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(
-            f"{path} can't be read as a bag ({reason(error)}); "
-            "it must be a complete .bag, .mcap or .db3, or a folder of `ros2 bag record`",
-            "bad_bag",
-        ) from error
+        problem = f"{path} can't be read as a bag ({reason(error)})"
+        formats = "a complete .bag, .mcap or .db3, or a folder of `ros2 bag record`"
+        raise InputError(f"{problem}; it must be {formats}", "bad_bag") from error
 
 
 def _choose(path: Path, connections: list[Connection], topic: str) -> str:
     """The topic to read; InputError lists the topics of the bag."""
     clouds = sorted({c.topic for c in connections if c.msgtype == CLOUD})
-    listed = ", ".join(clouds)
     if not clouds:
         topics = ", ".join(sorted({c.topic for c in connections})) or "no topic"
         raise InputError(f"{path} has no topic of type PointCloud2; it has {topics}", "no_topic")
-    if topic:
-        name = f"/{topic.lstrip('/')}"
-        if name not in clouds:
-            raise InputError(
-                f"{path} has no PointCloud2 topic {name}; it has {listed}", "no_topic"
-            )
+    if not topic and len(clouds) == 1:
+        return clouds[0]
+    name = f"/{topic.lstrip('/')}"
+    if topic and name in clouds:
         return name
-    if len(clouds) > 1:
-        raise InputError(
-            f"{path} has several PointCloud2 topics; choose one: {listed}", "no_topic"
-        )
-    return clouds[0]
+    problem = "several PointCloud2 topics; choose one:"
+    if topic:
+        problem = f"no PointCloud2 topic {name}; it has"
+    raise InputError(f"{path} has {problem} {', '.join(clouds)}", "no_topic")
 
 
 # --- writing ---------------------------------------------------------------------------------
@@ -164,7 +156,7 @@ class BagSink:
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> "BagSink":
-        with self._file_errors():
+        with write_errors(self.path):
             self._writer = BagWriter(self.path)
         return self
 
@@ -173,7 +165,7 @@ class BagSink:
             self._remove()
             return
         try:
-            with self._file_errors():
+            with write_errors(self.path):
                 self._writer.close()
         except BaseException:
             self._remove()
@@ -194,31 +186,20 @@ class BagSink:
 
     def write(self, topic: str, time_ns: int, message: bytes) -> None:
         """Write a serialized message of one of the BAG_TOPICS."""
-        with self._file_errors():
+        with write_errors(self.path):
             if topic not in self._connections:
-                self._connections[topic] = self._writer.add_connection(
-                    topic, BAG_TOPICS[topic].type, node_types()
-                )
+                kind = BAG_TOPICS[topic].type
+                self._connections[topic] = self._writer.add_connection(topic, kind, node_types())
             # Times in a bag are not negative, but those of points may be.
             self._writer.write(self._connections[topic], max(0, time_ns), message)
             if topic == f"/{SEGMENTS.name}":  # the last of an update
                 self._writer.end_update()
 
-    @contextmanager
-    def _file_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError(f"{self.path} can't be written: {reason}", "write") from error
-
 
 # --- types -----------------------------------------------------------------------------------
 
 
-@cache
-def _store(which: Stores) -> Typestore:
-    return get_typestore(which)
+_store = cache(get_typestore)
 
 
 @cache
@@ -228,9 +209,8 @@ def node_types() -> Typestore:
     types: dict[str, Any] = {}
     folder = msg_folder(Path(ellipseg_ros.__path__[0]).resolve())
     for path in sorted(folder.glob("*.msg")):
-        types |= get_types_from_msg(
-            path.read_text(encoding="utf-8"), f"ellipseg_ros/msg/{path.stem}"
-        )
+        definition = path.read_text(encoding="utf-8")
+        types |= get_types_from_msg(definition, f"ellipseg_ros/msg/{path.stem}")
     store.register(types)
     return store
 

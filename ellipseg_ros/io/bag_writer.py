@@ -1,8 +1,6 @@
 """A bag writer whose file is a complete bag after every flush, in case the process is killed."""
 
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BufferedWriter, BytesIO
 from pathlib import Path
 from types import MappingProxyType
@@ -85,8 +83,10 @@ class BagWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        with _as_os_error():
+        try:
             self._writer = _Bag(path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+        except WriterError as error:  # the folder was created after the check
+            raise FileExistsError(str(error)) from error
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         try:
             self._writer.open()
@@ -107,10 +107,8 @@ class BagWriter:
         """Write a serialized message."""
         self._writer.write(connection, time_ns, message)
         self._messages += 1
-        if self._pending_bytes >= max(
-            MAX_PENDING_BYTES, self._storage.index_bytes // MAX_INDEX_RATIO
-        ):
-            self._flush()
+        if self._pending_bytes >= MAX_PENDING_BYTES:
+            self.end_update()
 
     def end_update(self) -> None:
         """Flush, unless the pending content is small compared with the index of a long bag."""
@@ -142,11 +140,3 @@ class BagWriter:
         self._writer.close()
         self._writer.storage = self._storage  # for further messages
         self._messages_in_metadata = self._messages
-
-
-@contextmanager
-def _as_os_error() -> Iterator[None]:
-    try:
-        yield
-    except WriterError as error:  # the folder was created after the check
-        raise FileExistsError(str(error)) from error

@@ -1,5 +1,6 @@
 """Checking and conversion of LandmarkArray messages, of rclpy or rosbags."""
 
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,11 @@ def read_landmarks(message: Any) -> Landmarks:
     that are not finite, orientations that are not of length 1, too many landmarks.
     """
     if len(message.landmarks) > MAX_LANDMARKS:
-        raise InputError(
-            f"there are {len(message.landmarks)} landmarks; at most {MAX_LANDMARKS} are allowed",
-            "many",
-        )
-    rows = sorted(message.landmarks, key=lambda landmark: landmark.id)
-    orientation = _table([_xyzw(row.orientation) for row in rows], 4)
+        problem = f"there are {len(message.landmarks)} landmarks"
+        raise InputError(f"{problem}; at most {MAX_LANDMARKS} are allowed", "many")
+    xyz, xyzw = attrgetter("x", "y", "z"), attrgetter("x", "y", "z", "w")
+    rows = sorted(message.landmarks, key=attrgetter("id"))
+    orientation = _table([xyzw(row.orientation) for row in rows], 4)
     with np.errstate(over="ignore"):
         length = np.sqrt((orientation**2).sum(axis=1))
     if not (np.abs(length - 1.0) < 1e-3).all():
@@ -33,11 +33,11 @@ def read_landmarks(message: Any) -> Landmarks:
         ids=np.array([row.id for row in rows], np.uint32),
         kind=np.array([row.kind for row in rows], np.uint8),
         count=np.array([row.count for row in rows], np.int64),
-        position=_points(rows, "position"),
+        position=_table([xyz(row.position) for row in rows], 3),
         axes=rotations(orientation / length[:, None]),
         sigma=_table([row.sigma for row in rows], 3),
-        box_min=_points(rows, "box_min"),
-        box_max=_points(rows, "box_max"),
+        box_min=_table([xyz(row.box_min) for row in rows], 3),
+        box_max=_table([xyz(row.box_max) for row in rows], 3),
         covariance=_table([row.covariance for row in rows], 36).reshape(-1, 6, 6),
         instability=np.array([row.instability for row in rows], np.float64),
         first_seen_ns=np.array([nanoseconds(row.first_seen) for row in rows], np.int64),
@@ -57,15 +57,6 @@ def rotations(quaternions: Array) -> Array:
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))
-
-
-def _xyzw(quaternion: Any) -> tuple[float, float, float, float]:
-    return quaternion.x, quaternion.y, quaternion.z, quaternion.w
-
-
-def _points(rows: list[Any], name: str) -> Array:
-    points = (getattr(row, name) for row in rows)
-    return _table([(point.x, point.y, point.z) for point in points], 3)
 
 
 def _table(rows: list[Any], width: int) -> Array:

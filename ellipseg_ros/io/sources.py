@@ -43,25 +43,20 @@ def open_source(spec: str | Path, topic: str = "", **scene: Any) -> Source:
     """
     text = str(spec)
     if text.startswith(SIMULATED):
-        return _simulated(text.removeprefix(SIMULATED), scene)
+        name = text.removeprefix(SIMULATED)
+        if name not in SCENES:
+            raise InputError(f"there is no scene {name!r}; there are {', '.join(SCENES)}", "scene")
+        drive = simulate(name, **scene)
+        return Source(name, drive.frame_id, len(drive), drive.duration, drive)
     path = Path(text)
     if not path.exists():
         raise InputError(f"there is no {text}; it must be {SUPPORTED}", "missing")
+    sweeps: BagSweeps | CloudSweeps
     if is_bag(path):
-        bag = BagSweeps(path, topic)
-        return Source(_name(path), bag.frame_id, bag.count, bag.duration, bag)
-    if path.suffix.lower() in FORMATS and path.is_file():
-        cloud = CloudSweeps(path)
-        return Source(_name(path), cloud.frame_id, cloud.count, cloud.duration, cloud)
-    raise InputError(f"{text} has no readable format; it must be {SUPPORTED}", "suffix")
-
-
-def _simulated(name: str, settings: dict[str, Any]) -> Source:
-    if name not in SCENES:
-        raise InputError(f"there is no scene {name!r}; there are {', '.join(SCENES)}", "scene")
-    scene = simulate(name, **settings)
-    return Source(name, scene.frame_id, len(scene), scene.duration, scene)
-
-
-def _name(path: Path) -> str:
-    return path.resolve().stem if path.is_file() else path.resolve().name
+        sweeps = BagSweeps(path, topic)
+    elif path.suffix.lower() in FORMATS and path.is_file():
+        sweeps = CloudSweeps(path)
+    else:
+        raise InputError(f"{text} has no readable format; it must be {SUPPORTED}", "suffix")
+    name = path.resolve().stem if path.is_file() else path.resolve().name
+    return Source(name, sweeps.frame_id, sweeps.count, sweeps.duration, sweeps)

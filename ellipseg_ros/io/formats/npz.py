@@ -4,9 +4,9 @@
 seconds it is a drive, divided into sweeps by `sweep` (n,), or else into slices of 0.1 s.
 """
 
+import math
 import zipfile
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
@@ -19,6 +19,10 @@ from ellipseg_ros.records import SECOND, Array, Segmentation
 
 SLICE_S = 0.1  # length of the sweeps of a drive without sweep numbers
 MAX_UNPACKED_BYTES = 2**33  # of all arrays of a file
+HEADER_READERS = {  # by the version of the format of an array
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def read(path: Path) -> Array:
@@ -38,10 +42,8 @@ def read(path: Path) -> Array:
     if "t" in arrays:
         arrays["t"] = arrays["t"].astype(np.float64)
         if not (np.abs(arrays["t"]) <= MAX_STAMP_S).all():
-            raise InputError(
-                f"t holds NaN, Inf or more than {MAX_STAMP_S}; it must be seconds of each point",
-                "times",
-            )
+            problem = f"t holds NaN, Inf or more than {MAX_STAMP_S}"
+            raise InputError(f"{problem}; it must be seconds of each point", "times")
     columns = {n: a for n, a in arrays.items() if a.ndim in (1, 2) and len(a) == count}
     return table({name: arrays[name] for name in "xyz"} | columns)
 
@@ -66,24 +68,13 @@ def check_archive(path: Path, max_bytes: int) -> None:
             raise damaged(f"it unpacks to {size} bytes; at most {max_bytes} are read")
         for member in members:
             with archive.open(member) as file:
-                shape, kind = _array_header(file)
-                needed = kind.itemsize
-                for length in shape:
-                    needed *= length
+                version = np.lib.format.read_magic(file)
+                if version not in HEADER_READERS:
+                    raise damaged(f"an array has format {version}; it must be 1 or 2")
+                shape, _, kind = HEADER_READERS[version](file)
+                needed = math.prod(shape, start=kind.itemsize)
                 if needed != member.file_size - file.tell():
                     raise damaged(f"{member.filename} has another size than it says")
-
-
-def _array_header(file: IO[bytes]) -> tuple[tuple[int, ...], "np.dtype[np.generic]"]:
-    version = np.lib.format.read_magic(file)
-    readers = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    if version not in readers:
-        raise damaged(f"an array has format {version}; it must be 1 or 2")
-    shape, _, kind = readers[version](file)
-    return shape, kind
 
 
 def write(path: Path, result: Segmentation) -> None:
@@ -95,11 +86,10 @@ def write(path: Path, result: Segmentation) -> None:
     again as a drive.
     """
     fields = _with_times(result)
-    arrays = {
-        name: fields[name] for name in fields.dtype.names or () if name not in (*"xyz", "rgb")
-    }
+    arrays = {name: fields[name] for name in fields.dtype.names or ()}
+    arrays.pop("rgb")
     arrays |= {
-        "xyz": np.column_stack([fields[name] for name in "xyz"]),
+        "xyz": np.column_stack([arrays.pop(name) for name in "xyz"]),
         "segment_id": result.ids,
         "segment_object": result.object_ids,
     }
