@@ -25,9 +25,7 @@ class CloudSweeps:
     def __init__(self, path: Path) -> None:
         fields = read_fields(path)
         is_npz = FORMATS[path.suffix.lower()] is npz
-        number = npz.sweep_numbers(fields) if is_npz else None
-        if number is None:
-            number = np.zeros(len(fields), np.int64)
+        number = npz.sweep_numbers(fields) if is_npz else np.zeros(len(fields))
         order = np.argsort(number, kind="stable")
         _, starts = np.unique(number[order], return_index=True)
         self._fields = fields[order]

@@ -1,7 +1,5 @@
 """Times of single points, from the fields of lidar drivers."""
 
-from typing import Any
-
 import numpy as np
 
 from ellipseg_ros.records import SECOND, Array
@@ -28,18 +26,15 @@ def time_offsets(fields: Array, stamp_ns: int) -> Array:
     with other times or NaN get the time of the stamp, offset 0, and so do all points if no meaning
     fits or there is no such field. No cloud is refused because of its times.
     """
-    layout = fields.dtype
-    name = next((n for n in NAMES if n in (layout.names or ()) and _is_time(layout[n])), "")
+    kinds = {name: fields.dtype[name] for name in fields.dtype.names or ()}
+    times = {name for name, kind in kinds.items() if kind.kind in "iuf" and kind.itemsize >= 4}
+    name = next((name for name in NAMES if name in times), "")
     if name:
         for offsets in _meanings(fields[name], stamp_ns, relative=name == OFFSET):
             near = (-MAX_OFFSET_NS <= offsets) & (offsets <= MAX_OFFSET_NS)  # |-2^63| is -2^63
             if 2 * np.count_nonzero(near) >= len(offsets):
                 return np.where(near, offsets, 0)
     return np.zeros(len(fields), np.int64)
-
-
-def _is_time(kind: np.dtype[Any]) -> bool:
-    return kind.kind in "iuf" and kind.itemsize >= 4
 
 
 def _meanings(values: Array, stamp_ns: int, relative: bool) -> list[Array]:

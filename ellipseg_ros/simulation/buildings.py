@@ -10,10 +10,10 @@ FRONT = Material(Class.WALL, 0.45, windows=True)
 FOUNDATION = 1.5  # m below the foot of the front, so that no house floats on a slope
 
 
-def house(item: Item, size: tuple[float, float], storeys: int) -> None:
+def house(item: Item, size: tuple[float, float], rng: np.random.Generator) -> None:
     """Windows, a gabled roof with eaves, chimney, steps, drain pipes."""
     wide, deep = size
-    high = 3.0 * storeys
+    high = 3.0 * int(rng.integers(2, 4))
     _walls(item, (wide, deep, high), 0.2, 0.1)
     _gable(item, (wide, deep), high)
     item.box(STONE, (0.3 * wide, 0.65 * deep, high + 0.35 * deep), (0.7, 0.7, 0.4 * deep))
@@ -47,9 +47,10 @@ def _gable(item: Item, size: tuple[float, float], high: float) -> None:
             item.box(STONE, (side * (0.5 * wide - 0.1), 0.5 * deep, z), edges)
 
 
-def block(item: Item, size: tuple[float, float], storeys: int) -> None:
+def block(item: Item, size: tuple[float, float], rng: np.random.Generator) -> None:
     """A flat-roofed block with windows, ledges between the storeys and balconies."""
     wide, deep = size
+    storeys = int(rng.integers(3, 5))
     high = 3.1 * storeys
     _walls(item, (wide, deep, high), 0.3, 0.16)
     item.box(STONE, (0.0, 0.5 * deep, high), (wide + 0.5, deep + 0.5, 0.35))

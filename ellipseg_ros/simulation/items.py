@@ -97,14 +97,14 @@ def wire(item: Item, start: Array, end: Array, parts: int = 8) -> None:
         item.cone(WIRE, ends, (0.03, 0.03))
 
 
-def mesh_fence(item: Item, length: float, height: float = 2.2) -> None:
+def mesh_fence(item: Item, length: float = 3.0, height: float = 2.2) -> None:
     """Wire mesh along x from the frame on, on posts."""
     item.box(MESH, (0.5 * length, 0.0, 0.5 * height), (length, 0.05, height))
     for x in (0.0, 0.5 * length):
         item.cone(SHEET, ((x, 0.0, 0.0), (x, 0.0, height + 0.1)), (0.04, 0.04))
 
 
-def plank_fence(item: Item, length: float, height: float = 1.1) -> None:
+def plank_fence(item: Item, length: float = 3.0, height: float = 1.1) -> None:
     """Planks with gaps along x from the frame on."""
     for z in (0.3 * height, 0.85 * height):
         item.box(PANELS, (0.5 * length, 0.0, z), (length, 0.06, 0.14))
@@ -154,7 +154,7 @@ def tank(item: Item, radius: float, height: float) -> None:
         item.cone(SHEET, ((-radius - 0.2, y, 0.0), (-radius - 0.2, y, height)), (0.04, 0.04))
 
 
-def pipe_rack(item: Item, length: float, height: float = 3.6) -> None:
+def pipe_rack(item: Item, length: float = 15.0, height: float = 3.6) -> None:
     """Pipes along x from the frame on, side by side on gantries."""
     for x in np.arange(0.0, length + 0.1, length / 3.0):
         for y in (-0.8, 0.8):

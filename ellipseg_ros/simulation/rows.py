@@ -4,9 +4,9 @@ Every row has a random generator of its own and ascends in s, so that a longer d
 shorter one with the same seed.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ PAVING = Material(Class.GROUND, 0.35)
 INWARD = np.pi  # yaw of an item on the right side whose y axis points away from the lane
 
 
-@dataclass(frozen=True)
-class Site:
+class Site(NamedTuple):
     """A scene under construction."""
 
     model: Model
@@ -59,10 +58,8 @@ def houses(site: Site, side: float, front: float) -> None:
         wide, deep = rng.uniform(8.5, 15.0), rng.uniform(8.0, 10.0)
         d = side * (front + rng.uniform(0.0, 1.2))
         item = site.item(s + 0.5 * wide, d, 0.0 if side > 0.0 else INWARD)
-        if rng.random() < 0.6:
-            buildings.house(item, (wide, deep), int(rng.integers(2, 4)))
-        else:
-            buildings.block(item, (wide, deep), int(rng.integers(3, 5)))
+        make = buildings.house if rng.random() < 0.6 else buildings.block
+        make(item, (wide, deep), rng)
         s += wide + rng.uniform(1.5, 7.0)
 
 
@@ -203,31 +200,14 @@ def yard(site: Site, side: float, d: float) -> None:
         s += gap
 
 
-def mesh(site: Site, d: float) -> None:
-    """A wire fence with gates."""
-    for s in site.each(3.0):
-        if s % 30.0 > 6.0:
-            items.mesh_fence(site.item(s, d), 3.0)
-
-
-def racks(site: Site, d: float) -> None:
-    """Pipes on gantries, every 40 m."""
-    for s in site.each(40.0):
-        items.pipe_rack(site.item(s, d), 15.0)
-
-
-def bollards(site: Site, d: float) -> None:
-    """Groups of bollards."""
-    for s in site.each(3.0):
-        if s % 24.0 < 9.0:
-            items.bollard(site.item(s, d))
-
-
-def plank_fences(site: Site, d: float) -> None:
-    """A plank fence with gaps."""
-    for s in site.each(3.0):
-        if s % 36.0 < 21.0:
-            items.plank_fence(site.item(s, d), 3.0)
+def groups(
+    site: Site, make: Callable[[Item], None], d: float, spacing: float, bounds: tuple[int, ...]
+) -> None:
+    """Groups of equal items, such as fences with gaps; bounds: begin, end and period of groups."""
+    begin, end, period = bounds
+    for s in site.each(spacing):
+        if begin < s % period < end:
+            make(site.item(s, d))
 
 
 def wires(site: Site, d: float) -> None:

@@ -4,7 +4,7 @@ The scanner is that of Pauling, Bosse & Zlot (ACRA 2009): a SICK LMS, 181 beams 
 75 lines a second, its plane turning at 0.5 Hz about its forward axis.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ STRENGTH = 3.0e3  # m^2: a signal of 1 / STRENGTH m^-2 gives a return with proba
 STEP = 0.25  # m between the nodes of a path
 
 
-@dataclass(frozen=True)
-class Path:
+class Path(NamedTuple):
     """A winding lane on rolling ground, along which the scene is laid out.
 
     s is the distance along it, 0 where the drive begins; d the distance to its left.
@@ -58,8 +57,7 @@ def make_path(terrain: Terrain, start: float, end: float, swing: float) -> Path:
     return Path(terrain, start, xy - xy[np.searchsorted(s, 0.0)], heading)
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(NamedTuple):
     """Motion of a vehicle along a path."""
 
     speed: float  # m/s
@@ -106,8 +104,7 @@ def _vehicle(path: Path, drive: Drive, time: float) -> Frame:
     return Frame(frame.origin, np.column_stack([x, y, np.cross(x, y)]))
 
 
-@dataclass(frozen=True)
-class Drift:
+class Drift(NamedTuple):
     """Error of the registration: a slow random walk of position and heading."""
 
     knots: Array  # (k,) s

@@ -1,11 +1,11 @@
 """The four scenes: their items along the lane, and the shape of the ground."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from ellipseg_ros.simulation import rows
+from ellipseg_ros.simulation import items, rows
 from ellipseg_ros.simulation.rays import Terrain
 from ellipseg_ros.simulation.rows import Site
 from ellipseg_ros.simulation.scanner import Path, make_path
@@ -14,8 +14,7 @@ from ellipseg_ros.simulation.shapes import Model, Shapes
 BEFORE, AFTER = 40.0, 110.0  # m of scene behind the start and beyond the end
 
 
-@dataclass(frozen=True)
-class Layout:
+class Layout(NamedTuple):
     """Description of a scene: its ground and its items."""
 
     build: Callable[[Site], None]
@@ -25,8 +24,7 @@ class Layout:
     soil: float  # reflectivity of the ground
 
 
-@dataclass(frozen=True)
-class World:
+class World(NamedTuple):
     """A scene, ready to be scanned."""
 
     path: Path
@@ -65,12 +63,12 @@ def _industrial(site: Site) -> None:
     rows.sheds(site, -1.0, 16.0)
     rows.yard(site, 1.0, 7.0)
     rows.yard(site, -1.0, 10.5)
-    rows.mesh(site, -5.6)
+    rows.groups(site, items.mesh_fence, -5.6, 3.0, (6, 30, 30))
     rows.lamps(site, 4.6, 27.0)
-    rows.racks(site, 10.4)
+    rows.groups(site, items.pipe_rack, 10.4, 40.0, (0, 40, 40))
     rows.people(site, 3.5, 5.0, 24.0)
     rows.wires(site, -14.0)
-    rows.bollards(site, 4.2)
+    rows.groups(site, items.bollard, 4.2, 3.0, (0, 9, 24))
     rows.undergrowth(site, -7.4, -6.6, 9.0)
 
 
@@ -101,7 +99,7 @@ def _mixed(site: Site) -> None:
     rows.street_furniture(site, 4.9)
     rows.forest(site, -30.0, -6.0, 4.2)
     rows.undergrowth(site, -12.0, -4.2, 2.4)
-    rows.plank_fences(site, -3.9)
+    rows.groups(site, items.plank_fence, -3.9, 3.0, (0, 21, 36))
     rows.wires(site, -3.3)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class Scene(Checked):
     positions but for noise and drift.
     """
 
+    frame_id: ClassVar[str] = "odom"  # of the points
+
     name: str = setting("industrial", "kind of scene", allowed=SCENES)
     seed: int = setting(0, "of the scene and its noise", "", 0, 2**32)
     duration: float = setting(25.0, "length of the drive", "s", 0.1, 3600.0)
@@ -56,11 +58,6 @@ class Scene(Checked):
     start: float = setting(0.0, "position on the lane where the drive begins", "m", 0.0, 10_000.0)
     aside: float = setting(0.0, "offset to the left of the lane", "m", -2.0, 2.0)
     backwards: bool = setting(False, "drive against the direction of the lane")
-
-    @property
-    def frame_id(self) -> str:
-        """The frame of the points."""
-        return "odom"
 
     def __len__(self) -> int:
         return (self._lines - 1) * SWEEPS_PER_SECOND // LINES_PER_SECOND + 1

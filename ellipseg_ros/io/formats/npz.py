@@ -48,12 +48,12 @@ def read(path: Path) -> Array:
     return table({name: arrays[name] for name in "xyz"} | columns)
 
 
-def sweep_numbers(fields: Array) -> Array | None:
-    """(n,) the sweep of each point; None if there are neither times nor sweep numbers."""
+def sweep_numbers(fields: Array) -> Array:
+    """(n,) the sweep of each point; zeros if there are neither times nor sweep numbers."""
     names = fields.dtype.names or ()
     if "sweep" in names:
         return np.asarray(fields["sweep"])
-    return np.floor(fields["t"] / SLICE_S) if "t" in names else None
+    return np.floor(fields["t"] / SLICE_S) if "t" in names else np.zeros(len(fields))
 
 
 def check_archive(path: Path, max_bytes: int) -> None:

@@ -12,19 +12,11 @@ import numpy as np
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.atomic_files import replacing
 from ellipseg_ros.io.formats.common import check_size, damaged, header_lines, table
-from ellipseg_ros.io.pointcloud2 import labelled_fields
+from ellipseg_ros.io.pointcloud2 import NUMBERS, labelled_fields
 from ellipseg_ros.records import Array, Segmentation
 
-TYPES = {
-    "i1": "char",
-    "u1": "uchar",
-    "i2": "short",
-    "u2": "ushort",
-    "i4": "int",
-    "u4": "uint",
-    "f4": "float",
-    "f8": "double",
-}
+PLY_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
+TYPES = dict(zip(NUMBERS, PLY_NAMES, strict=True))  # both in the order of PointField
 
 
 def read(path: Path) -> Array:
