@@ -59,11 +59,9 @@ def read_fields(path: Path) -> Array:
     except ModuleNotFoundError as error:
         raise InputError(f"{path}: reading it {missing_package(error)}", "package") from error
     except Exception as error:  # damaged files make the libraries raise nearly anything
-        raise InputError(
-            f"{path} can't be read ({reason(error)}); it must be a complete "
-            f"{suffix[1:].upper()} file",
-            "bad_cloud",
-        ) from error
+        problem = f"{path} can't be read ({reason(error)})"
+        kind = suffix[1:].upper()
+        raise InputError(f"{problem}; it must be a complete {kind} file", "bad_cloud") from error
     if not len(fields):
         raise InputError(f"{path} holds no points; it must have at least one", "empty")
     return fields

@@ -13,11 +13,9 @@ SHOWN_LENGTH = 40  # characters of a name in an error
 def read_stamp(stamp: Any) -> int:
     """Convert a builtin_interfaces/Time to ns; InputError if it is invalid or before 1970."""
     if not (0 <= stamp.sec <= MAX_STAMP_S and 0 <= stamp.nanosec < SECOND):
-        raise InputError(
-            f"the stamp is {stamp.sec} s and {stamp.nanosec} ns; it must be 0 to {MAX_STAMP_S} s "
-            f"and less than {SECOND} ns",
-            "stamp",
-        )
+        problem = f"the stamp is {stamp.sec} s and {stamp.nanosec} ns"
+        valid = f"0 to {MAX_STAMP_S} s and less than {SECOND} ns"
+        raise InputError(f"{problem}; it must be {valid}", "stamp")
     return nanoseconds(stamp)
 
 
@@ -30,8 +28,5 @@ def check_name(what: str, name: str) -> None:
     """Raise InputError for a frame or field name that is too long or not printable."""
     if len(name) <= MAX_NAME_LENGTH and (not name or name.isprintable()):
         return
-    raise InputError(
-        f"{what} {name[:SHOWN_LENGTH]!r} has {len(name)} characters; it must have at most "
-        f"{MAX_NAME_LENGTH}, all printable",
-        "name",
-    )
+    problem = f"{what} {name[:SHOWN_LENGTH]!r} has {len(name)} characters"
+    raise InputError(f"{problem}; it must have at most {MAX_NAME_LENGTH}, all printable", "name")

@@ -115,11 +115,9 @@ def _layout(msg: Any, count: int) -> Layout:
         size = number * np.dtype(kind).itemsize
         end = field.offset + size
         if end > (msg.point_step if count else MAX_FIELDS_BYTES):
-            raise InputError(
-                f"field {field.name!r} ends at byte {end} of a point, beyond point_step "
-                f"{msg.point_step}; it must end within",
-                "point_step",
-            )
+            problem = f"field {field.name!r} ends at byte {end} of a point"
+            limit = f"beyond point_step {msg.point_step}; it must end within"
+            raise InputError(f"{problem}, {limit}", "point_step")
         total += size  # overlapping fields are separated when clouds are joined
         if total > MAX_FIELDS_BYTES:
             raise InputError(
@@ -137,19 +135,15 @@ def check_xyz(layout: Layout) -> None:
     names = layout.names or ()
     missing = [name for name in "xyz" if name not in names]
     if missing:
-        raise InputError(
-            f"the cloud has no field {', '.join(missing)}; it has {', '.join(names) or 'none'}, "
-            "and needs x, y and z",
-            "no_xyz",
-        )
+        problem = f"the cloud has no field {', '.join(missing)}"
+        listed = ", ".join(names) or "none"
+        raise InputError(f"{problem}; it has {listed}, and needs x, y and z", "no_xyz")
     for name in "xyz":
         kind = layout[name]
         if kind.kind != "f" or kind.shape:
-            raise InputError(
-                f"field {name!r} is {kind.base.name} with count {max(kind.shape, default=1)}; "
-                "it must be one float32 or float64",
-                "xyz_type",
-            )
+            count = max(kind.shape, default=1)
+            problem = f"field {name!r} is {kind.base.name} with count {count}"
+            raise InputError(f"{problem}; it must be one float32 or float64", "xyz_type")
 
 
 def _check_size(msg: Any, row_step: int) -> None:
@@ -159,11 +153,9 @@ def _check_size(msg: Any, row_step: int) -> None:
         raise InputError(f"row_step is {row_step}; {points} need at least {row_bytes}", "row_step")
     needed = (msg.height - 1) * row_step + row_bytes
     if len(msg.data) < needed:
-        raise InputError(
-            f"the cloud holds {len(msg.data)} bytes of data; {msg.height} x {msg.width} points "
-            f"need {needed}",
-            "short_data",
-        )
+        problem = f"the cloud holds {len(msg.data)} bytes of data"
+        points = f"{msg.height} x {msg.width} points"
+        raise InputError(f"{problem}; {points} need {needed}", "short_data")
 
 
 # --- writing ---------------------------------------------------------------------------------

@@ -25,24 +25,18 @@ class SegmentMirror:
 
         The message is not changed, but its segments and objects are kept.
         """
-        repeated = self.in_step and message.sequence == self._sequence
         if message.full:
             self.segments = {segment.id: segment for segment in message.segments}
             self.objects = {item.id: item for item in message.objects}
-            self.in_step = self._is_complete(message)
-        elif repeated:
-            self.in_step = self._is_complete(message)
-        else:
-            consecutive = self.in_step and message.sequence == self._sequence + 1
-            self.in_step = consecutive and self._apply(message)
+            valid = True
+        elif self.in_step and message.sequence == self._sequence + 1:
+            valid = _change(self.segments, message.segments, message.removed)
+            valid &= _change(self.objects, message.objects, message.removed_objects)
+        else:  # repeated, or after a lost message
+            valid = self.in_step and message.sequence == self._sequence
+        self.in_step = valid and self._is_complete(message)  # not complete: of another run
         self._sequence = message.sequence
         return self.in_step
-
-    def _apply(self, message: Any) -> bool:
-        """Apply changes; False if they belong to another run of the node."""
-        known = _change(self.segments, message.segments, message.removed)
-        known &= _change(self.objects, message.objects, message.removed_objects)
-        return known and self._is_complete(message)
 
     def _is_complete(self, message: Any) -> bool:
         """Whether the point counts of the segments add up to the points of the window."""

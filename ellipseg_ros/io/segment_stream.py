@@ -51,9 +51,8 @@ class SegmentStream:
 
     def _is_full(self, segmentation: Segmentation) -> bool:
         """Whether the message must be full; by stamps, so that subscribers have no influence."""
-        if segmentation.restart or segmentation.sequence != self._sequence + 1:
-            return True
-        if not (self._resendable and self.sends_changes):
+        is_next = segmentation.sequence == self._sequence + 1 and not segmentation.restart
+        if not (is_next and self._resendable and self.sends_changes):
             return True
         return segmentation.end_ns // self._period_ns != self._end_ns // self._period_ns
 
