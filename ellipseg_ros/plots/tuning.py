@@ -86,12 +86,10 @@ def loss_over_threshold(axes: Axes, curves: Sequence[Curve], choice: Choice) -> 
         lines = axes.plot(thresholds, losses.T, color=BLUE, alpha=_opacity(curves))
         lines[0].set_label("window")
     mean = losses.mean(axis=0)
-    axes.plot(
-        thresholds, mean, color=INK, linewidth=2, label="mean" if len(curves) > 1 else "loss"
-    )
-    axes.axvline(
-        choice.present, color=PURPLE, linestyle="--", label=f"present: {choice.present:g}"
-    )
+    label = "mean" if len(curves) > 1 else "loss"
+    axes.plot(thresholds, mean, color=INK, linewidth=2, label=label)
+    label = f"present: {choice.present:g}"
+    axes.axvline(choice.present, color=PURPLE, linestyle="--", label=label)
     axes.axhline(0.05, color=GREEN, linestyle=":", label="loss 0.05")
     mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
     axes.set_xscale("log")

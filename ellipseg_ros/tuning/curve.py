@@ -66,13 +66,9 @@ class Curve:
         """The curve joined with another one of the same window."""
         threshold = np.concatenate([self.threshold, other.threshold])
         threshold, rows = np.unique(threshold, return_index=True)
-        return replace(
-            self,
-            threshold=threshold,
-            aicc=np.concatenate([self.aicc, other.aicc])[rows],
-            bias=np.concatenate([self.bias, other.bias])[rows],
-            count=np.concatenate([self.count, other.count])[rows],
-        )
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in VALUES}
+        joined = {name: np.concatenate(pair)[rows] for name, pair in pairs.items()}
+        return replace(self, threshold=threshold, **joined)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready; `curve_from` reads it."""
@@ -80,17 +76,11 @@ class Curve:
         return head | {name: getattr(self, name).tolist() for name in COLUMNS}
 
 
+VALUES = ("aicc", "bias", "count")
 COLUMNS = ("threshold", "aicc", "variance", "bias", "count", "completion", "loss")
 
 
 def curve_from(values: dict[str, Any]) -> Curve:
     """The curve from the output of `Curve.as_dict`."""
-    return Curve(
-        criterion=values["criterion"],
-        points=values["points"],
-        singletons=values["singletons"],
-        threshold=np.array(values["threshold"], np.float64),
-        aicc=np.array(values["aicc"], np.float64),
-        bias=np.array(values["bias"], np.float64),
-        count=np.array(values["count"], np.int64),
-    )
+    arrays = {name: np.array(values[name]) for name in ("threshold", *VALUES)}
+    return Curve(values["criterion"], values["points"], values["singletons"], **arrays)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ellipseg_ros.tuning.choice import choose
-from ellipseg_ros.tuning.curve import Curve
+from ellipseg_ros.tuning.curve import COLUMNS, Curve
 from ellipseg_ros.tuning.search import Search
 
 LIVE_SEARCH = Search(count=24, refinements=1, finer=6)  # a third of the work of the offline search
@@ -73,14 +73,9 @@ def report(curve: Curve, decision: Decision) -> str:
         f"{'threshold':>10} {'AICc':>13} {'variance':>13} {'bias':>12} {'ellipsoids':>10} "
         f"{'merged':>7} {'loss':>7}",
     ]
-    columns = (curve.aicc, curve.variance, curve.bias, curve.count, curve.completion, curve.loss)
-    for threshold, aicc, variance, bias, count, merged, loss in zip(
-        curve.threshold, *columns, strict=True
-    ):
-        lines.append(
-            f"{threshold:>10.4g} {aicc:>13.6g} {variance:>13.6g} {bias:>12.5g} {count:>10,} "
-            f"{merged:>7.1%} {loss:>7.4f}"
-        )
+    row = "{:>10.4g} {:>13.6g} {:>13.6g} {:>12.5g} {:>10,} {:>7.1%} {:>7.4f}"
+    columns = [getattr(curve, name) for name in COLUMNS]
+    lines += [row.format(*values) for values in zip(*columns, strict=True)]
     facts = {"present": decision.present, "chosen": decision.threshold, "reason": decision.reason}
     return "\n".join([*lines, json.dumps(facts | curve.as_dict())])
 

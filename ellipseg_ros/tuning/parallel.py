@@ -7,14 +7,8 @@ Python). Processes are spawned: a fork beside the threads of numba and OpenMP ma
 import multiprocessing
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent import futures
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -53,20 +47,17 @@ def outcomes(tasks: Iterable[Task], workers: Workers) -> Iterator[Outcome]:
 
 def _completed(pending: "dict[Future[Curves], Task]") -> Iterator[Outcome]:
     """Wait for the next tasks to end; their outcomes, in the order of submission."""
-    done = wait(pending, return_when=FIRST_COMPLETED).done
+    done = futures.wait(pending, return_when=futures.FIRST_COMPLETED).done
     for future in [future for future in pending if future in done]:
         task = pending.pop(future)
         error = future.exception()
         if error is None:
             yield Outcome(task, future.result())
+        elif isinstance(error, BrokenExecutor):
+            remedy = "the memory may be too small for this number of processes (--jobs)"
+            yield Outcome(task, None, f"a worker process died; {remedy}")
         else:
-            yield Outcome(task, None, _one_line(error))
-
-
-def _one_line(error: BaseException) -> str:
-    if isinstance(error, BrokenExecutor):
-        return "a worker process died; the memory may be too small for so many at once (--jobs)"
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+            yield Outcome(task, None, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
 @contextmanager
@@ -107,7 +98,7 @@ class _Pool:
 
     def _new(self) -> Executor:
         spawn = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._count, mp_context=spawn, initializer=_ignore_interrupts)
+        return futures.ProcessPoolExecutor(self._count, spawn, _ignore_interrupts)
 
     def submit(self, task: Task) -> "Future[Curves]":
         try:
@@ -137,9 +128,8 @@ def dask(address: str) -> Iterator[Workers]:
     try:
         client = Client(address, timeout=SCHEDULER_TIMEOUT_S)
     except (OSError, ValueError) as error:
-        raise EllipsegError(
-            f"no Dask scheduler answers at {address}; it must be one such as tcp://10.0.0.1:8786"
-        ) from error
+        example = "give an address such as tcp://10.0.0.1:8786"
+        raise EllipsegError(f"no Dask scheduler answers at {address}; {example}") from error
     with client:
         count = sum(client.nthreads().values())
         if not count:

@@ -19,28 +19,20 @@ CRITERION_RANGE = -1.0
 class Search(Checked):
     """Parameters of the search."""
 
-    lowest: float = setting(
-        CRITERION_RANGE, "lowest threshold of the grid; -1: the criterion's", "", -1.0, 1e9
-    )
-    highest: float = setting(
-        CRITERION_RANGE, "highest threshold of the grid; -1: the criterion's", "", -1.0, 1e9
-    )
+    lowest: float = setting(CRITERION_RANGE, "of the grid; -1: the criterion's", "", -1.0, 1e9)
+    highest: float = setting(CRITERION_RANGE, "of the grid; -1: the criterion's", "", -1.0, 1e9)
     count: int = setting(40, "thresholds of the grid, evenly spread in log", "", 3, 10_000)
     refinements: int = setting(2, "number of refinements around the minimum", "", 0, 10)
     finer: int = setting(8, "thresholds added by a refinement", "", 1, 1000)
 
     def grid(self, criterion: str) -> Array:
         """The thresholds (count,) of the grid, ascending."""
-        given = (self.lowest, self.highest)
-        low, high = (
-            own if value == CRITERION_RANGE else value
-            for value, own in zip(given, CRITERIA[criterion].search_range, strict=True)
-        )
+        low, high = CRITERIA[criterion].search_range
+        low = low if self.lowest == CRITERION_RANGE else self.lowest
+        high = high if self.highest == CRITERION_RANGE else self.highest
         if not 0.0 < low < high:
-            raise ConfigError(
-                f"the thresholds of {criterion} go from {low:g} to {high:g}; they must ascend "
-                "from above 0"
-            )
+            given = f"the thresholds of {criterion} go from {low:g} to {high:g}"
+            raise ConfigError(f"{given}; they must ascend from above 0")
         return np.geomspace(low, high, self.count)
 
 

@@ -49,10 +49,8 @@ def in_force(config: Config, criterion: str) -> Config:
 def run(task: Task) -> Curves:
     """Tune the window by every criterion, on all cores."""
     graph = window_graph(task.cut.points, task.config, task.cut.origin)
-    return {
-        name: tune_window(graph, in_force(task.config, name), task.search)
-        for name in task.criteria
-    }
+    configs = {name: in_force(task.config, name) for name in task.criteria}
+    return {name: tune_window(graph, at, task.search) for name, at in configs.items()}
 
 
 def run_single_threaded(task: Task) -> Curves:

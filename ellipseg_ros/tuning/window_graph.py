@@ -53,12 +53,8 @@ def threshold_curve(window: WindowGraph, config: Config, thresholds: Array) -> C
     aicc, bias = np.empty((2, len(ascending)))
     count = np.empty(len(ascending), np.int64)
     # From the top down: at a lower threshold much stays as it was (core/merge.py).
-    chunks = iter(
-        [
-            range(max(k - THRESHOLDS_PER_CHUNK, 0), k)
-            for k in range(len(ascending), 0, -THRESHOLDS_PER_CHUNK)
-        ]
-    )
+    ends = range(len(ascending), 0, -THRESHOLDS_PER_CHUNK)
+    chunks = iter([range(max(end - THRESHOLDS_PER_CHUNK, 0), end) for end in ends])
 
     def work(*_: int) -> None:
         with single_threaded():  # the other threads do the same

@@ -8,7 +8,7 @@ from typing import Any
 
 from ellipseg_ros.cli.main import run_guarded
 from ellipseg_ros.cli.options import add_report_options, new_parser
-from ellipseg_ros.cli.report import print_status
+from ellipseg_ros.cli.report import print_results, print_status
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.atomic_files import write_text
 from studies import STUDIES
@@ -44,10 +44,7 @@ def publish(
     draw: Draw | None = None,
 ) -> None:
     """Print results as JSON or as the tables of their page; with -o, write them, too."""
-    if args.json:
-        print(json.dumps(results, indent=2))
-    elif not args.quiet:
-        print(page(results).tables())
+    print_results(results, [page(results).tables()], args)
     if args.output:
         for path in write(results, page, Path(args.output), draw):
             print_status(f"wrote {path}", args)
