@@ -3,8 +3,7 @@
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -62,8 +61,10 @@ def run(args: Namespace) -> int:
     settings = with_settings(read_settings(args, defaults), REPRODUCIBLE)
     folder = Path(args.output)
     prepare(folder, args.data)
-    with _isolated():
-        live = _run_node(source, settings, folder, args)
+    with reserved_domain() as number:
+        domain = {"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", str(number))}
+        with environment_variables(LOCALHOST_ONLY | domain):
+            live = _run_node(source, settings, folder, args)
     verification, meter = _verify(source, settings, folder, live, args)
     summary = heading(args.data, source.frame_id, settings) | meter.counts(live.sent.wall_seconds)
     summary |= {
@@ -87,17 +88,6 @@ def run(args: Namespace) -> int:
         return 1
     print_status(NEXT_STEPS.format(folder=folder), args)
     return 0
-
-
-@contextmanager
-def _isolated() -> Iterator[None]:
-    """Restrict ROS to this machine, and to a reserved domain unless ROS_DOMAIN_ID is set."""
-    with ExitStack() as stack:
-        stack.enter_context(environment_variables(LOCALHOST_ONLY))
-        if "ROS_DOMAIN_ID" not in os.environ:
-            number = stack.enter_context(reserved_domain())
-            stack.enter_context(environment_variables({"ROS_DOMAIN_ID": str(number)}))
-        yield
 
 
 def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace) -> LiveRun:
@@ -159,10 +149,8 @@ def _verify(
     verification, meter = Verification(live.updates, settings.node), Meter()
     recorded = recorded_updates(folder / BAG)
     with progress_bar(live.updates, "updates", args) as bar:
-        for group, result in run_updates(source, settings.config, meter):
-            node = next(recorded, None)
-            if node is None:
-                break
+        results = run_updates(source, settings.config, meter)
+        for (group, result), node in zip(results, recorded, strict=False):
             verification.update(group, result, node)
             bar.update()
     return verification, meter

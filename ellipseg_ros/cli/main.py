@@ -58,7 +58,8 @@ def run_guarded(name: str, run: Callable[[], int]) -> int:
     except BrokenPipeError:  # `ellipseg ... | head`: nothing can be written any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        _report(name, _one_line(error))
+        reason = error.strerror or str(error)  # as "file: No space left on device"
+        _report(name, f"{error.filename}: {reason}" if error.filename else reason)
     except KeyboardInterrupt:
         sys.stderr.write(f"{name}: interrupted\n")
         return INTERRUPTED
@@ -81,12 +82,6 @@ def _report(name: str, text: str) -> None:
 
 def _interrupt() -> NoReturn:
     raise KeyboardInterrupt
-
-
-def _one_line(error: OSError) -> str:
-    """The reason of the system, as "file: No space left on device"."""
-    reason = error.strerror or str(error)
-    return f"{error.filename}: {reason}" if error.filename else reason
 
 
 if __name__ == "__main__":

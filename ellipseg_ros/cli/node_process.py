@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from threading import Thread
 
@@ -21,7 +21,7 @@ START_TIMEOUT_S = 180.0  # imports, and the first compilation of all kernels
 SHUTDOWN_TIMEOUT_S = 10.0  # after which the process is killed
 
 
-class NodeProcess:
+class NodeProcess(AbstractContextManager["NodeProcess"]):
     """A segmenter process, from `start` to the end of the `with` block at the latest.
 
     args: `--ros-args ...` of the node. log: file for its output.
@@ -34,9 +34,6 @@ class NodeProcess:
         self._on_death = on_death
         self._stopping = False
         self._process: subprocess.Popen[bytes] | None = None
-
-    def __enter__(self) -> "NodeProcess":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._end()

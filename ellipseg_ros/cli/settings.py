@@ -99,7 +99,5 @@ def _flat(content: Any, prefix: str) -> dict[str, Any]:
         return {prefix.rstrip("."): content}
     if "ros__parameters" in content:
         return _flat(content["ros__parameters"], "")
-    values: dict[str, Any] = {}
-    for key, inner in content.items():
-        values |= _flat(inner, f"{prefix}{key}.")
-    return values
+    inner = (_flat(value, f"{prefix}{key}.") for key, value in content.items())
+    return {name: value for values in inner for name, value in values.items()}

@@ -103,11 +103,10 @@ class Verification:
         if expected == total == len(node.labels) and labelled == counts.segmented:
             self.complete += 1
             return
-        self.problems.append(
-            f"update {self.updates}: the window must have {expected} points; "
-            f"`segments` counts {total}, {counts.segmented} of them segmented; "
-            f"`segmented_points` has {len(node.labels)}, {labelled} of them labelled"
-        )
+        points = f"`segmented_points` has {len(node.labels)}, {labelled} of them labelled"
+        segments = f"`segments` counts {total}, {counts.segmented} of them segmented"
+        text = f"update {self.updates}: the window must have {expected} points"
+        self.problems.append(f"{text}; {segments}; {points}")
 
 
 def _equal_landmarks(result: Segmentation, received: bytes | None) -> bool:

@@ -20,11 +20,8 @@ def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Ite
     """Findings about the clouds; receive_buffer: of a socket, in bytes."""
     clouds = graph.clouds
     if not clouds:
-        yield error(
-            f"no cloud arrived on {graph.topic.name} within {graph.seconds:g} s",
-            "check that the publisher runs and has input (`ros2 topic hz`), and that no firewall "
-            "or socket buffer blocks its clouds",
-        )
+        text = f"no cloud arrived on {graph.topic.name} within {graph.seconds:g} s"
+        yield error(text, "check the publisher (`ros2 topic hz`), firewalls and socket buffers")
         return
     yield from _contents(clouds)
     yield _rate(clouds)
@@ -39,11 +36,9 @@ def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Ite
     largest = max(cloud.size for cloud in clouds)
     if receive_buffer is not None and largest > receive_buffer:
         enough = 1 << (4 * largest - 1).bit_length()
-        yield warn(
-            f"a cloud has {largest / 2**10:.0f} KiB, a socket buffer at most "
-            f"{receive_buffer / 2**10:.0f} KiB: clouds from another machine may be lost",
-            f"sudo sysctl -w net.core.rmem_max={enough}",
-        )
+        sizes = f"{largest / 2**10:.0f} KiB, a socket buffer {receive_buffer / 2**10:.0f} KiB"
+        text = f"a cloud has up to {sizes}: clouds from another machine may be lost"
+        yield warn(text, f"sudo sysctl -w net.core.rmem_max={enough}")
 
 
 def check_speed(speed: float, graph: GraphSnapshot | None) -> Finding:
@@ -109,10 +104,9 @@ def _stamps(clouds: Sequence[CloudInfo], lateness: float) -> Iterator[Finding]:
     late = sum(step < 0 for step in steps) - jumps
     limit = f"max_lateness ({lateness:g} s)"
     if jumps:
-        yield warn(
-            f"stamps jumped back {jumps} times by more than {limit}, each time with a restart",
-            "normal for a recording in a loop; else compare the clocks of the publishers",
-        )
+        text = f"stamps jumped back {jumps} times by more than {limit}, each time with a restart"
+        remedy = "normal for a recording in a loop; else compare the clocks of the publishers"
+        yield warn(text, remedy)
     if late:
         text = f"{late} clouds arrived after later ones, within {limit}"
         yield warn(text, "they are accepted; publish in order if possible")

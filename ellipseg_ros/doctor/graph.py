@@ -12,10 +12,9 @@ from ellipseg_ros.io.topics import CLOUD, SEGMENTED_POINTS
 def check_graph(graph: GraphSnapshot, receive_buffer: int | None = None) -> Iterator[Finding]:
     """Findings about a graph; receive_buffer: maximum of a socket, in bytes."""
     if not graph.nodes:
+        settings = "ROS_DOMAIN_ID, discovery range, middleware and firewall"
         yield warn(
-            "there is no other node",
-            "start one, or compare ROS_DOMAIN_ID, discovery range, middleware and firewall with "
-            "those of the other terminals and machines",
+            "there is no other node", f"start a node, or compare {settings} of all machines"
         )
     yield from _publishers(graph)
     yield from _mismatches(graph.topic)
@@ -56,19 +55,14 @@ def _remapping(graph: GraphSnapshot) -> str:
 
 def _mismatches(topic: Topic) -> Iterator[Finding]:
     for text in topic.mismatches:
-        yield error(
-            f"{topic.name}: incompatible QoS, nothing is received: {text}",
-            "compatible with any: a segmenter with input_reliability auto, a viewer with "
-            "reliability best effort and durability volatile",
-        )
+        remedy = "segmenter: input_reliability auto; viewer: reliability best effort, volatile"
+        yield error(f"{topic.name}: incompatible QoS, nothing is received: {text}", remedy)
 
 
 def _segmenters(graph: GraphSnapshot) -> Iterator[Finding]:
     for name in graph.duplicate_names:
-        yield error(
-            f"several nodes are named {name}: services and parameters reach any of them",
-            "end all but one, or start them with different names: `-r __node:=` or `-r __ns:=`",
-        )
+        text = f"several nodes are named {name}: services and parameters reach any of them"
+        yield error(text, "start them with different names: `-r __node:=` or `-r __ns:=`")
     namespaces = Counter(segmenter.node.rpartition("/")[0] for segmenter in graph.segmenters)
     for namespace, count in namespaces.items():
         if count > 1:
@@ -77,10 +71,8 @@ def _segmenters(graph: GraphSnapshot) -> Iterator[Finding]:
             )
             yield error(text, "give each a namespace: `-r __ns:=/front`")
     if not graph.segmenters:
-        yield warn(
-            f"no segmenter runs in the namespace {graph.namespace}",
-            f"ros2 run ellipseg_ros segmenter --ros-args -r points:={_cloud_topic(graph)}",
-        )
+        remedy = f"ros2 run ellipseg_ros segmenter --ros-args -r points:={_cloud_topic(graph)}"
+        yield warn(f"no segmenter runs in the namespace {graph.namespace}", remedy)
     for segmenter in graph.segmenters:
         yield from _inputs(segmenter, graph)
         yield _health(segmenter, graph.seconds)

@@ -37,27 +37,18 @@ def draw_tuning(curves: Sequence[Curve], choice: Choice, paths: Sequence[Path]) 
 def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
     """AICc, variance and bias term over the threshold, summed over the windows."""
     points = max(1, sum(curve.points for curve in curves))
-    thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
-    thresholds = thresholds[thresholds > 0.0]
+    thresholds = _thresholds(curves)
     at = np.log(thresholds)
-    for name, colour, label in (
-        ("aicc", INK, "AICc"),
-        ("variance", BLUE, "variance term"),
-        ("bias", ORANGE, "bias term"),
-    ):
+    labels = {"aicc": "AICc", "variance": "variance term", "bias": "bias term"}
+    for (name, label), colour in zip(labels.items(), (INK, BLUE, ORANGE), strict=True):
         total = sum(np.interp(at, *_over_log(curve, getattr(curve, name))) for curve in curves)
-        axes.plot(thresholds, total / points, color=colour, linewidth=2, label=label)
+        axes.semilogx(thresholds, total / points, color=colour, linewidth=2, label=label)
         if name == "aicc":
             row = int(np.argmin(np.abs(thresholds - choice.threshold)))
             mark(axes, choice.threshold, float(total[row]) / points, f"τ = {choice.threshold:.3g}")
-    axes.set_xscale("log")
     over = "one window" if len(curves) == 1 else f"{len(curves)} windows together"
-    title(
-        axes,
-        f"AICc, criterion {choice.criterion}, {over}",
-        threshold_label(choice.criterion),
-        "AICc per point",
-    )
+    text = f"AICc, criterion {choice.criterion}, {over}"
+    title(axes, text, threshold_label(choice.criterion), "AICc per point")
     legend(axes)
 
 
@@ -79,8 +70,7 @@ def completion(axes: Axes, curves: Sequence[Curve]) -> None:
 
 def loss_over_threshold(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
     """The loss over the threshold near the minimum: a line per window, and their mean."""
-    thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
-    thresholds = thresholds[thresholds > 0.0]
+    thresholds = _thresholds(curves)
     losses = np.array([curve.loss_at(thresholds) for curve in curves])
     if len(curves) > 1:
         lines = axes.plot(thresholds, losses.T, color=BLUE, alpha=_opacity(curves))
@@ -92,10 +82,9 @@ def loss_over_threshold(axes: Axes, curves: Sequence[Curve], choice: Choice) -> 
     axes.axvline(choice.present, color=PURPLE, linestyle="--", label=label)
     axes.axhline(0.05, color=GREEN, linestyle=":", label="loss 0.05")
     mark(axes, choice.threshold, choice.mean_loss, f"τ = {choice.threshold:.3g}")
-    axes.set_xscale("log")
     near = thresholds[mean <= MAX_SHOWN_LOSS]
-    axes.set_xlim(near[0] / 1.5, near[-1] * 1.5)
-    axes.set_ylim(-0.02, MAX_SHOWN_LOSS)
+    limits = (near[0] / 1.5, near[-1] * 1.5)
+    axes.set(xscale="log", xlim=limits, ylim=(-0.02, MAX_SHOWN_LOSS))
     text = "Loss: (AICc − minimum) / (AICc of singletons − minimum)"
     title(axes, text, threshold_label(choice.criterion), "loss")
     legend(axes, loc="upper right")
@@ -105,6 +94,12 @@ def threshold_label(criterion: str) -> str:
     """Label of an axis with thresholds."""
     unit = CRITERIA[criterion].unit
     return f"threshold τ of {criterion}" + (f" [{unit}]" if unit else "")
+
+
+def _thresholds(curves: Sequence[Curve]) -> Array:
+    """All thresholds of some curves above 0, ascending."""
+    thresholds = np.unique(np.concatenate([curve.threshold for curve in curves]))
+    return thresholds[thresholds > 0.0]
 
 
 def _opacity(curves: Sequence[Curve]) -> float:
