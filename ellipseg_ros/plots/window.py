@@ -160,7 +160,8 @@ class _Picture:
         far, near = np.percentile(self.depth[drawn], [2, 98])
         share = np.clip((self.depth[drawn] - far) / max(near - far, 1e-9), 0.0, 1.0)
         tints = colours[drawn] * (0.62 + 0.38 * share)[:, None]
-        axes.scatter(*self.flat[drawn].T, c=tints, s=self.dot_size, linewidths=0)
+        x, y = self.flat[drawn].T
+        axes.scatter(x, y, c=tints, s=self.dot_size, linewidths=0)
 
     def draw_outlines(self, axes: Axes, rows: Array) -> None:
         """Draw the ellipsoids in `rows` at 2 sigma, distant ones first, with light from above."""
@@ -236,7 +237,7 @@ class _Picture:
         """Draw a scale bar, and the directions of the axes of the frame."""
         length = _round_down(0.2 * (self.high[0] - self.low[0]) * len(self.panels) ** 0.5)
         end = MARGIN + length / self.pixel
-        bar = {"linewidth": 2, "marker": "|", "markersize": 9, "markeredgewidth": 2}
+        bar: Any = {"linewidth": 2, "marker": "|", "markersize": 9, "markeredgewidth": 2}
         self.page.plot((MARGIN, end), (44, 44), color=INK, **bar)
         self._text(0.5 * (MARGIN + end), 20, f"{length:g} m", ha="center")
         for k, colour in enumerate(("#ff6b6b", "#51cf66", "#6aa9ff")):
@@ -247,14 +248,16 @@ class _Picture:
                 x, y = x + 1.38 * arm[0], y + 1.38 * arm[1]
                 self._text(x, y, "xyz"[k], color=colour, ha="center")
 
-    def _axes(self, *box: float) -> Axes:
-        """Axes without lines and labels; box: left, bottom, width and height in pixels."""
-        axes = self.page.inset_axes(box, transform=self.page.transData)
+    def _axes(self, left: float, bottom: float, wide: float, tall: float) -> Axes:
+        """Axes without lines and labels at a place in pixels."""
+        page = self.page
+        axes = page.inset_axes((left, bottom, wide, tall), transform=page.transData)
         axes.set_axis_off()
         return axes
 
     def _text(self, x: float, y: float, text: str, **style: Any) -> None:
-        self.page.text(x, y, text, **({"color": INK, "size": 12, "va": "center"} | style))
+        usual: dict[str, Any] = {"color": INK, "size": 12, "va": "center"}
+        self.page.text(x, y, text, **(usual | style))
 
 
 def _limits(flat: Array) -> tuple[Array, Array]:
