@@ -14,11 +14,8 @@ from ellipseg_ros.plots.window import BACKGROUND, FAINT, INK
 
 def sheet(wide: float, tall: float) -> Figure:
     """An empty figure; sizes in inches."""
-    return Figure(
-        figsize=(wide, tall),
-        facecolor=BACKGROUND,
-        layout=ConstrainedLayoutEngine(w_pad=0.25, h_pad=0.25),
-    )
+    layout = ConstrainedLayoutEngine(w_pad=0.25, h_pad=0.25)
+    return Figure((wide, tall), facecolor=BACKGROUND, layout=layout)
 
 
 def save(figure: Figure, path: Path) -> None:

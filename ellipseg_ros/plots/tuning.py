@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -117,14 +118,7 @@ def mark(
 ) -> None:
     """Mark a point with a text at an offset in points, in a box that hides the lines behind."""
     axes.plot([x], [y], "o", color=YELLOW, markersize=7, zorder=5)
-    axes.annotate(
-        text,
-        (x, y),
-        xytext=offset,
-        textcoords="offset points",
-        color=YELLOW,
-        ha="center",
-        fontsize=11,
-        bbox={"boxstyle": "round", "facecolor": BACKGROUND, "edgecolor": "none", "alpha": 0.85},
-        arrowprops={"arrowstyle": "-", "color": YELLOW},
-    )
+    place: Any = {"xytext": offset, "textcoords": "offset points", "ha": "center"}
+    box = {"boxstyle": "round", "facecolor": BACKGROUND, "edgecolor": "none", "alpha": 0.85}
+    line = {"arrowstyle": "-", "color": YELLOW}
+    axes.annotate(text, (x, y), color=YELLOW, fontsize=11, bbox=box, arrowprops=line, **place)

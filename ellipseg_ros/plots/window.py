@@ -168,8 +168,8 @@ class _Picture:
         ellipsoids = self.result.ellipsoids
         centres = (ellipsoids.mean - self.centre) @ self.directions.T
         rows = rows[np.argsort(centres[rows, 2], kind="stable")]
-        shape = self.directions[:2] @ ellipsoids.covariance[rows] @ self.directions[:2].T
-        spread, turn = np.linalg.eigh(shape)
+        flat = self.directions[:2] @ ellipsoids.covariance[rows] @ self.directions[:2].T
+        spread, turn = np.linalg.eigh(flat)
         half = SIGMAS * np.sqrt(np.maximum(spread, 1e-6))
         shares = (ellipsoids.planarity, ellipsoids.cylindricality, ellipsoids.sphericity)
         colours = shape_colours(*(share[rows] for share in shares))
@@ -180,18 +180,12 @@ class _Picture:
         sizes = 2.0 * half[:, None, :] * shrink[:, None]
         tints = colours[:, None, :] * shade[:, None]
         offsets = centres[rows, None, :2] + 0.22 * light[:, None, :, 0] * (1.0 - shrink)[:, None]
-        axes.add_collection(
-            EllipseCollection(
-                sizes[:, :, 1].ravel(),
-                sizes[:, :, 0].ravel(),
-                np.repeat(angle, len(shrink)),
-                units="xy",
-                offsets=offsets.reshape(-1, 2),
-                offset_transform=axes.transData,
-                facecolors=tints.reshape(-1, 3),
-                linewidths=0.0,
-            )
-        )
+        widths, heights = sizes[:, :, 1].ravel(), sizes[:, :, 0].ravel()
+        angles = np.repeat(angle, len(shrink))
+        place: Any = {"offsets": offsets.reshape(-1, 2), "offset_transform": axes.transData}
+        fill: Any = {"facecolors": tints.reshape(-1, 3), "linewidths": 0.0}
+        ellipses = EllipseCollection(widths, heights, angles, units="xy", **place, **fill)
+        axes.add_collection(ellipses)
 
     def draw_shape_key(self) -> None:
         """Draw the triangle of shapes, the key of the colours."""
