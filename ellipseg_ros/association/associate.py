@@ -52,8 +52,9 @@ def associate(
     hypotheses = find_hypotheses(problem)
     odds = _probabilities(hypotheses)
     by_chance = 1.0 - odds.sum()
-    if not len(odds) or (_is_doubtful(odds) and by_chance >= odds[1:].sum()):
-        return _too_few(problem, config)
+    doubtful = not len(odds) or odds[0] < constants.MIN_TRANSFORM_PROBABILITY
+    if doubtful and by_chance >= odds[1:].sum():
+        return _without_pairs(problem, np.diag(1.0 / problem.prior), config.known)
     return _conclude(problem, hypotheses, odds, orders, config)
 
 
@@ -141,11 +142,6 @@ def _probabilities(hypotheses: list[Hypothesis]) -> Array:
     return weights / (weights.sum() + chance)
 
 
-def _is_doubtful(odds: Array) -> bool:
-    """Whether the best hypothesis is not probable enough to stand alone."""
-    return bool(odds[0] < constants.MIN_TRANSFORM_PROBABILITY)
-
-
 def _conclude(
     problem: Problem,
     hypotheses: list[Hypothesis],
@@ -155,35 +151,34 @@ def _conclude(
 ) -> Association:
     """The best hypothesis, its uncertainty and its pairs."""
     best, pairs = hypotheses[0], problem.both.pairs
-    ambiguous = _is_doubtful(odds)
+    ambiguous = odds[0] < constants.MIN_TRANSFORM_PROBABILITY  # not probable enough alone
     covariance = _mixture(problem, hypotheses, odds) if ambiguous else best.covariance
     length = _characteristic_length(problem)
     # Drift bends each window: an error that no number of pairs averages out.
     covariance = covariance + np.diag(np.repeat([config.noise, config.noise / length], 3) ** 2)
-    undetermined = _undetermined(covariance, length, config.known)
-    known = Verdict.PARTIAL if undetermined.shape[1] else Verdict.KNOWN
+    result = _without_pairs(problem, covariance, config.known)
+    known = Verdict.PARTIAL if result.undetermined.shape[1] else Verdict.KNOWN
     probability = _pair_probabilities(problem, hypotheses, odds)
     good = best.matches.selected & (probability >= config.min_probability)
     candidate = best.matches.candidate[good]
     earlier, later = orders[0][pairs.earlier[candidate]], orders[1][pairs.later[candidate]]
     order = np.argsort(earlier)
-    return Association(
+    return replace(
+        result,
         pairs=np.column_stack([earlier, later])[order],
         probability=probability[good][order],
         distance=np.sqrt(best.matches.square[good][order]),
         T_earlier_later=best.registration.transform,
-        covariance=covariance,
-        centre=problem.both.centre,
-        undetermined=undetermined,
-        characteristic_length=length,
         verdict=Verdict.AMBIGUOUS if ambiguous else known,
         transform_probability=float(odds[0]),
     )
 
 
-def _too_few(problem: Problem, config: AssociationConfig) -> Association:
-    """The result if the matches may be due to chance: no pairs, and the prior's covariance."""
-    covariance = np.diag(1.0 / problem.prior)
+def _without_pairs(problem: Problem, covariance: Array, known: float) -> Association:
+    """The result if the matches may be due to chance: no pairs, and the identity.
+
+    covariance (6, 6): of the transform; known: m, see AssociationConfig.
+    """
     length = _characteristic_length(problem)
     return Association(
         pairs=np.zeros((0, 2), np.int64),
@@ -192,7 +187,7 @@ def _too_few(problem: Problem, config: AssociationConfig) -> Association:
         T_earlier_later=np.eye(4),
         covariance=covariance,
         centre=problem.both.centre,
-        undetermined=_undetermined(covariance, length, config.known),
+        undetermined=_undetermined(covariance, length, known),
         characteristic_length=length,
         verdict=Verdict.TOO_FEW,
         transform_probability=0.0,

@@ -16,6 +16,7 @@ from ellipseg_ros.association.pairing import (
 )
 from ellipseg_ros.core.jit import for_rows, kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, solve_lower, solve_upper
+from ellipseg_ros.core.linalg.vectors import difference, dot, norm
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import Array
 
@@ -59,15 +60,6 @@ class NormalEquations(NamedTuple):
     square: Array  # (c,)
 
 
-class ConsistencyLimits(NamedTuple):
-    """Limits of the motion that aligns two consistent candidates."""
-
-    prior: Array  # (6,) 1/m^2, 1/rad^2: information that the motion is zero
-    square: float  # of the residuals, the motion's own by the prior included
-    translation: float  # m
-    rotation: float  # rad
-
-
 def find_candidates(
     earlier: LandmarkArrays, later: LandmarkArrays, centre: Array, bounds: Bounds
 ) -> Candidates:
@@ -77,10 +69,10 @@ def find_candidates(
     """
     possible = np.zeros((len(later.kind), len(earlier.kind)), np.bool_)
     for_rows(_gate, len(later.kind), earlier, later, centre, bounds, possible)
-    most = constants.MAX_CANDIDATES
-    if np.count_nonzero(possible) > most:
+    if np.count_nonzero(possible) > constants.MAX_CANDIDATES:
         raise InputError(
-            f"more than {most} pairs of landmarks may correspond; narrower bounds help",
+            f"more than {constants.MAX_CANDIDATES} pairs of landmarks may correspond; "
+            "narrower bounds help",
             "many",
         )
     j, i = np.nonzero(possible)
@@ -89,18 +81,13 @@ def find_candidates(
 
 @kernel
 def _gate(start, stop, earlier, later, centre, bounds, possible):
-    translation, rotation, gap, ratio = bounds
     for j in range(start, stop):
-        square = 0.0
-        for k in range(3):
-            square += (later.position[j, k] - centre[k]) ** 2
-        far = translation + 2.0 * math.sin(0.5 * rotation) * math.sqrt(square)
-        tolerance = (far, rotation, gap)
+        lever_arm = norm(difference(later.position[j], centre))
+        far = bounds.translation + 2.0 * math.sin(0.5 * bounds.rotation) * lever_arm
+        tolerance = (far, bounds.rotation, bounds.gap)
         for i in range(len(earlier.kind)):
-            if earlier.kind[i] != later.kind[j]:
-                continue
             a, b = earlier.size[i], later.size[j]
-            if max(a, b) <= ratio * min(a, b):
+            if earlier.kind[i] == later.kind[j] and max(a, b) <= bounds.ratio * min(a, b):
                 possible[j, i] = may_match(earlier, later, i, j, IDENTITY, tolerance)
 
 
@@ -139,21 +126,22 @@ def add_normal_equations(work, degrees, matrix, vector):
 
 
 def consistency(
-    equations: NormalEquations, pairs: Candidates, chosen: Array, limits: ConsistencyLimits
+    equations: NormalEquations, pairs: Candidates, chosen: Array, prior: Array, bounds: Bounds
 ) -> Array:
     """(m, m) uint8: whether two of the chosen candidates can both be right.
 
     They can if they share no landmark, and if the motion that aligns both best, in the sense of
-    least squares, keeps to the limits.
+    least squares, is within the bounds and leaves small residuals. prior (6,) 1/m^2, 1/rad^2:
+    information that the motion is zero.
     """
     consistent = np.zeros((len(chosen), len(chosen)), np.uint8)
-    _compare_pairs(equations, pairs.earlier[chosen], pairs.later[chosen], limits, consistent)
+    i, j = pairs.earlier[chosen], pairs.later[chosen]
+    _compare_pairs(equations, i, j, prior, bounds, consistent)
     return consistent
 
 
 @kernel
-def _compare_pairs(equations, i, j, limits, consistent):
-    prior, limit, translation, rotation = limits
+def _compare_pairs(equations, i, j, prior, bounds, consistent):
     matrix, vector = np.empty((6, 6)), np.empty(6)
     for a in range(len(i)):
         for b in range(a):
@@ -169,12 +157,11 @@ def _compare_pairs(equations, i, j, limits, consistent):
             square = equations.square[a] + equations.square[b]
             for c in range(6):
                 square -= vector[c] * vector[c]
-            if square > limit:
+            if square > constants.MAX_CONSISTENT_SQUARE:
                 continue
             solve_upper(matrix, 6, vector)
-            straight = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
-            turn = vector[3] ** 2 + vector[4] ** 2 + vector[5] ** 2
-            if straight <= translation**2 and turn <= rotation**2:
+            straight, turn = dot(vector[:3], vector[:3]), dot(vector[3:], vector[3:])
+            if straight <= bounds.translation**2 and turn <= bounds.rotation**2:
                 consistent[a, b] = consistent[b, a] = 1
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from ellipseg_ros.association import constants
 from ellipseg_ros.association.candidates import (
     Bounds,
-    ConsistencyLimits,
     PairSet,
     clutter,
     consistency,
@@ -73,12 +72,10 @@ def association_problem(earlier: LandmarkArrays, later: LandmarkArrays, bounds: 
     pairs = find_candidates(earlier, later, centre, bounds)
     both = PairSet(earlier, later, centre, pairs)
     scatter = clutter(both, bounds)
-    peak = np.array(
-        [
-            -0.5 * (np.linalg.slogdet(scatter[kind, :degrees, :degrees])[1] + degrees * LOG_TWO_PI)
-            for kind, degrees in enumerate(DEGREES)
-        ]
-    )
+    volume = [
+        np.linalg.slogdet(scatter[k, :degrees, :degrees])[1] for k, degrees in enumerate(DEGREES)
+    ]
+    peak = -0.5 * (np.array(volume) + DEGREES * LOG_TWO_PI)
     density = peak[later.kind] + np.log(np.maximum(np.diff(pairs.starts), 1))
     return Problem(both, bounds, prior, density)
 
@@ -90,10 +87,8 @@ def find_hypotheses(problem: Problem) -> list[Hypothesis]:
         return []
     chosen = _least_ambiguous(pairs.starts, pairs.later)
     equations = normal_equations(problem.both, chosen)
-    translation, rotation = (constants.CONSISTENCY_MARGIN * bound for bound in problem.bounds[:2])
-    square = constants.MAX_CONSISTENT_SQUARE
-    limits = ConsistencyLimits(problem.prior, square, translation, rotation)
-    consistent = consistency(equations, pairs, chosen, limits)
+    limits = Bounds(*(constants.CONSISTENCY_MARGIN * bound for bound in problem.bounds))
+    consistent = consistency(equations, pairs, chosen, problem.prior, limits)
     hypotheses: list[Hypothesis] = []
     for rows in maximal_cliques(consistent, constants.MAX_CLIQUES):
         clique = chosen[rows]
@@ -164,15 +159,8 @@ def _evidence(problem: Problem, registration: Registration, gain: Array) -> floa
     """
     free = np.log(problem.prior).sum() - registration.log_determinant
     motion = (problem.prior * registration.motion**2).sum()
-    subsets = _log_subsets(problem.matchable, len(gain))
-    return float(gain.sum() + 0.5 * (free - motion) - subsets)
-
-
-def _log_subsets(n: int, matched: int) -> float:
-    """Logarithm of (n + 1) binomial(n, matched).
-
-    If any share of n landmarks may be observed again, with equal probability, its inverse is the
-    probability that a given subset of this size is.
-    """
+    n, matched = problem.matchable, len(gain)
+    # If any share of n landmarks may be observed again, with equal probability, a given subset of
+    # this size is with probability 1 / ((n + 1) binomial(n, matched)).
     ways = math.lgamma(n + 1) - math.lgamma(matched + 1) - math.lgamma(n - matched + 1)
-    return math.log(n + 1) + ways
+    return float(gain.sum() + 0.5 * (free - motion) - (math.log(n + 1) + ways))

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.association import constants
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, log_determinant, solve_lower
+from ellipseg_ros.core.linalg.vectors import column, combined, cross, difference, dot, norm, row
 from ellipseg_ros.records import DETERMINED, Array, Kind, Landmarks
 
 PLANE, LINE, BLOB = int(Kind.PLANE), int(Kind.LINE), int(Kind.BLOB)
@@ -37,7 +38,6 @@ class Workspace(NamedTuple):
     jacobian: Array  # (4, 6): derivative by a small motion of the later landmark
     covariance: Array  # (4, 4): of the residual, from both landmarks
     frame: Array  # (3, 3): columns are the axes half-way between the two
-    arm: Array  # (3,) m: lever arm of a rotation
     transport: Array  # (4, 6): from the own motions of a landmark to the residual
     total: Array  # (4, 4): covariance with that of the transform, then its Cholesky factor
     whitened: Array  # (4,)
@@ -45,7 +45,7 @@ class Workspace(NamedTuple):
 
 def workspace() -> Workspace:
     """Memory for one pair; every thread needs its own."""
-    shapes = ((4,), (4, 6), (4, 4), (3, 3), (3,), (4, 6), (4, 4), (4,))
+    shapes = ((4,), (4, 6), (4, 4), (3, 3), (4, 6), (4, 4), (4,))
     return Workspace(*(np.zeros(shape) for shape in shapes))
 
 
@@ -77,25 +77,22 @@ def landmark_arrays(
     )
 
 
-@kernel
-def transformed(transform, point, k):
-    """Component k of a point (3,) under a transform (4, 4)."""
+@inlined
+def rotated(transform, direction):
+    """A direction (x, y, z) under a transform (4, 4)."""
+    x, y, z = direction
     return (
-        transform[k, 0] * point[0]
-        + transform[k, 1] * point[1]
-        + transform[k, 2] * point[2]
-        + transform[k, 3]
+        transform[0, 0] * x + transform[0, 1] * y + transform[0, 2] * z,
+        transform[1, 0] * x + transform[1, 1] * y + transform[1, 2] * z,
+        transform[2, 0] * x + transform[2, 1] * y + transform[2, 2] * z,
     )
 
 
-@kernel
-def rotated(transform, axes, k, axis):
-    """Component k of a column of axes (3, 3) under a transform (4, 4)."""
-    return (
-        transform[k, 0] * axes[0, axis]
-        + transform[k, 1] * axes[1, axis]
-        + transform[k, 2] * axes[2, axis]
-    )
+@inlined
+def transformed(transform, point):
+    """A point (x, y, z) under a transform (4, 4)."""
+    x, y, z = rotated(transform, point)
+    return x + transform[0, 3], y + transform[1, 3], z + transform[2, 3]
 
 
 @kernel
@@ -107,27 +104,23 @@ def may_match(earlier, later, i, j, transform, tolerance):
     """
     far, wide, gap = tolerance
     far += earlier.error_bound[i, 0] + later.error_bound[j, 0]
-    dx = transformed(transform, later.position[j], 0) - earlier.position[i, 0]
-    dy = transformed(transform, later.position[j], 1) - earlier.position[i, 1]
-    dz = transformed(transform, later.position[j], 2) - earlier.position[i, 2]
+    apart = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
     kind = earlier.kind[i]
     if kind == BLOB:
-        return dx * dx + dy * dy + dz * dz <= far * far
+        return dot(apart, apart) <= far * far
     axis = DIRECTION[kind]
-    ux, uy, uz = earlier.axes[i, 0, axis], earlier.axes[i, 1, axis], earlier.axes[i, 2, axis]
-    across = abs(dx * ux + dy * uy + dz * uz)
+    direction = column(earlier.axes[i], axis)
+    across = abs(dot(apart, direction))
     if kind == LINE:
-        across = math.sqrt(max(0.0, dx * dx + dy * dy + dz * dz - across * across))
+        across = math.sqrt(max(0.0, dot(apart, apart) - across * across))
     # Means slide along what is not determined: there the error of the direction counts.
     size = earlier.box_half[i, 0] + earlier.box_half[i, 1]
     size = size + later.box_half[j, 0] + later.box_half[j, 1]
     angle = earlier.error_bound[i, 1] + later.error_bound[j, 1]
     if across > far + angle * size:
         return False
-    vx = rotated(transform, later.axes[j], 0, axis)
-    vy = rotated(transform, later.axes[j], 1, axis)
-    vz = rotated(transform, later.axes[j], 2, axis)
-    if abs(ux * vx + uy * vy + uz * vz) < math.cos(min(wide + angle, math.pi / 2.0)):
+    cosine = abs(dot(direction, rotated(transform, column(later.axes[j], axis))))
+    if cosine < math.cos(min(wide + angle, math.pi / 2.0)):
         return False
     return _boxes_overlap(earlier, later, i, j, transform, gap + tolerance[0] + wide * size)
 
@@ -135,19 +128,17 @@ def may_match(earlier, later, i, j, transform, tolerance):
 @kernel
 def _boxes_overlap(earlier, later, i, j, transform, gap):
     """Whether the boxes overlap, but for a gap, along the axes that are not determined."""
-    axes = earlier.axes[i]
+    apart = difference(
+        transformed(transform, row(later.box_centre, j)), row(earlier.box_centre, i)
+    )
+    axes, other = earlier.axes[i], later.axes[j]
     for a in range(1 if earlier.kind[i] == LINE else 2):
-        apart = 0.0
-        for k in range(3):
-            middle = transformed(transform, later.box_centre[j], k)
-            apart += axes[k, a] * (middle - earlier.box_centre[i, k])
+        axis = column(axes, a)
         room = gap + earlier.box_half[i, a]
         for b in range(3):
-            cosine = 0.0
-            for k in range(3):
-                cosine += axes[k, a] * rotated(transform, later.axes[j], k, b)
+            cosine = dot(axis, rotated(transform, column(other, b)))
             room += abs(cosine) * later.box_half[j, b]
-        if abs(apart) > room:
+        if abs(dot(axis, apart)) > room:
             return False
     return True
 
@@ -162,34 +153,25 @@ def compare(earlier, later, i, j, transform, centre, work):
     """
     kind = earlier.kind[i]
     degrees = DEGREES[kind]
+    p, q = row(earlier.position, i), transformed(transform, row(later.position, j))
     turn = _frame_between(earlier.axes[i], later.axes[j], kind, transform, work.frame)
     for a in range(degrees):
         motion = MOTIONS[kind, a]
-        f = work.frame[:, motion % 3]
+        f = column(work.frame, motion % 3)
         if motion < 3:
-            work.residual[a] = 0.0
+            work.residual[a] = dot(f, difference(q, p))
+            arm = 0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])
+            lever = cross(difference(arm, centre), f)
             for k in range(3):
-                p, q = earlier.position[i, k], transformed(transform, later.position[j], k)
-                work.residual[a] += f[k] * (q - p)
-                work.arm[k] = 0.5 * (p + q) - centre[k]
-                work.jacobian[a, k] = f[k]
-            _cross(work.arm, f, work.jacobian[a, 3:])
+                work.jacobian[a, k], work.jacobian[a, 3 + k] = f[k], lever[k]
         else:
-            work.residual[a] = f[0] * turn[0] + f[1] * turn[1] + f[2] * turn[2]
+            work.residual[a] = dot(f, turn)
             for k in range(3):
-                work.jacobian[a, k] = 0.0
-                work.jacobian[a, 3 + k] = f[k]
+                work.jacobian[a, k], work.jacobian[a, 3 + k] = 0.0, f[k]
     work.covariance[:degrees, :degrees] = 0.0
     _add_covariance(earlier, i, later, j, transform, 1.0, work)
     _add_covariance(earlier, i, later, j, transform, -1.0, work)
     return degrees
-
-
-@kernel
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
@@ -204,29 +186,21 @@ def _frame_between(one, other, kind, transform, frame):
                 frame[k, a] = 1.0 if a == k else 0.0
         return 0.0, 0.0, 0.0
     axis = DIRECTION[kind]
-    ux, uy, uz = one[0, axis], one[1, axis], one[2, axis]
-    vx = rotated(transform, other, 0, axis)
-    vy = rotated(transform, other, 1, axis)
-    vz = rotated(transform, other, 2, axis)
-    if ux * vx + uy * vy + uz * vz < 0.0:  # the sign of a direction is arbitrary
-        vx, vy, vz = -vx, -vy, -vz
-    wx, wy, wz = 0.5 * (ux + vx), 0.5 * (uy + vy), 0.5 * (uz + vz)
-    square = wx * wx + wy * wy + wz * wz
-    length = math.sqrt(square)
     second, third = (axis + 1) % 3, (axis + 2) % 3
-    bx, by, bz = one[0, second], one[1, second], one[2, second]
-    along = (bx * wx + by * wy + bz * wz) / square
-    bx, by, bz = bx - along * wx, by - along * wy, bz - along * wz
-    unit = 1.0 / math.sqrt(bx * bx + by * by + bz * bz)
-    frame[0, axis], frame[1, axis], frame[2, axis] = wx / length, wy / length, wz / length
-    frame[0, second], frame[1, second], frame[2, second] = bx * unit, by * unit, bz * unit
-    _cross(frame[:, axis], frame[:, second], frame[:, third])
-    dx, dy, dz = vx - ux, vy - uy, vz - uz
-    return (
-        (wy * dz - wz * dy) / square,
-        (wz * dx - wx * dz) / square,
-        (wx * dy - wy * dx) / square,
+    u, v = column(one, axis), rotated(transform, column(other, axis))
+    sign = -1.0 if dot(u, v) < 0.0 else 1.0  # the sign of a direction is arbitrary
+    v = sign * v[0], sign * v[1], sign * v[2]
+    w = 0.5 * (u[0] + v[0]), 0.5 * (u[1] + v[1]), 0.5 * (u[2] + v[2])
+    square, b = dot(w, w), column(one, second)
+    b = combined(b, -(dot(b, w) / square), w)
+    length, unit = math.sqrt(square), 1.0 / norm(b)
+    for k in range(3):
+        frame[k, axis], frame[k, second] = w[k] / length, b[k] * unit
+    frame[0, third], frame[1, third], frame[2, third] = cross(
+        column(frame, axis), column(frame, second)
     )
+    turn = cross(w, difference(v, u))
+    return turn[0] / square, turn[1] / square, turn[2] / square
 
 
 @kernel
@@ -239,22 +213,19 @@ def _add_covariance(earlier, i, later, j, transform, side, work):
     degrees = DEGREES[kind]
     first = side > 0.0
     covariance = earlier.covariance[i] if first else later.covariance[j]
-    for k in range(3):
-        apart = transformed(transform, later.position[j], k) - earlier.position[i, k]
-        work.arm[k] = 0.5 * side * apart
-    for a in range(degrees):
-        motion = MOTIONS[kind, a]
-        f = work.frame[:, motion % 3]
-        if motion < 3:
-            _cross(work.arm, f, work.whitened)
-        for b in range(3):
-            straight, turn = 0.0, 0.0
-            for k in range(3):
-                axis = earlier.axes[i, k, b] if first else rotated(transform, later.axes[j], k, b)
-                straight += f[k] * axis
-                turn += work.whitened[k] * axis
+    apart = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
+    arm = 0.5 * side * apart[0], 0.5 * side * apart[1], 0.5 * side * apart[2]
+    axes = earlier.axes[i] if first else later.axes[j]
+    for b in range(3):
+        axis = column(axes, b)
+        if not first:
+            axis = rotated(transform, axis)
+        for a in range(degrees):
+            motion = MOTIONS[kind, a]
+            f = column(work.frame, motion % 3)
+            straight = dot(f, axis)
             work.transport[a, b] = straight if motion < 3 else 0.0
-            work.transport[a, 3 + b] = turn if motion < 3 else straight
+            work.transport[a, 3 + b] = dot(cross(arm, f), axis) if motion < 3 else straight
     for a in range(degrees):
         for b in range(a + 1):
             total = 0.0

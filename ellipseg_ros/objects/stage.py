@@ -41,14 +41,8 @@ class ObjectStage:
         """The objects of the window; without adjacency, or not enabled: none."""
         if adjacency is None or not config.enabled:
             return ObjectUpdate(None, self._tracker.end())
-        grouping = find_objects(
-            graph.points,
-            graph.moments,
-            segments.vertex_labels,
-            segments.moments,
-            adjacency,
-            config,
-        )
+        labels, moments = segments.vertex_labels, segments.moments
+        grouping = find_objects(graph.points, graph.moments, labels, moments, adjacency, config)
         object_labels = np.append(grouping.segment_labels, np.int32(-1))
         labels = object_labels[np.maximum(segments.labels, -1)]
         moments = grouping.moments
@@ -62,8 +56,7 @@ class ObjectStage:
 def object_records(grouping: Grouping, tracks: Tracks, origin: Array) -> Objects:
     """The objects in the world frame; origin (3,) m."""
     moments = grouping.moments
-    planarity = moments["planarity"].copy()
-    cylindricality = moments["cylindricality"].copy()
+    planarity, cylindricality = (moments[name].copy() for name in ("planarity", "cylindricality"))
     return Objects(
         segment_labels=grouping.segment_labels,
         count=moments["count"].astype(np.int64),

@@ -12,7 +12,6 @@ from worlds import BOUNDS, PRIOR
 
 from ellipseg_ros.association.candidates import (
     Candidates,
-    ConsistencyLimits,
     PairSet,
     consistency,
     find_candidates,
@@ -81,8 +80,8 @@ def test_consistency_of_two_candidates_equals_least_squares():
     pairs = find_candidates(a, b, centre, BOUNDS)
     chosen = np.arange(min(40, len(pairs.later)))
     equations = normal_equations(PairSet(a, b, centre, pairs), chosen)
-    limits = ConsistencyLimits(PRIOR, 16.0, 3.0, np.radians(15.0))
-    consistent = consistency(equations, pairs, chosen, limits)
+    limits = BOUNDS._replace(translation=3.0, rotation=np.radians(15.0))
+    consistent = consistency(equations, pairs, chosen, PRIOR, limits)
     assert 0 < consistent.sum() < consistent.size / 2
     for n, m in itertools.combinations(range(len(chosen)), 2):
         shared = pairs.earlier[n] == pairs.earlier[m] or pairs.later[n] == pairs.later[m]
