@@ -88,7 +88,10 @@ class Playback:
 
         progress: called after every cloud.
         """
-        self._wait_for_subscriber()
+        with self._changed:
+            if not self._subscribed:
+                self._log("waiting for a subscriber of `points`")
+            self._changed.wait_for(lambda: self._subscribed or self._stopped)
         started = time.monotonic()
         while self._run(source, progress) and self._options.loop:
             pass
@@ -129,12 +132,6 @@ class Playback:
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
-
-    def _wait_for_subscriber(self) -> None:
-        with self._changed:
-            if not self._subscribed:
-                self._log("waiting for a subscriber of `points`")
-            self._changed.wait_for(lambda: self._subscribed or self._stopped)
 
     def _run(self, source: Iterable[Sweep], progress: Callable[[Sweep], None]) -> bool:
         """Play the source once; False if the replay was stopped or the source is empty."""

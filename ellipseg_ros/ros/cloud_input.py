@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy import event_handler as events
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 
@@ -58,11 +58,7 @@ class CloudInput:
         return self._fixed or matching_reliability(self._node, self._topic)
 
     def _subscribe(self) -> "Subscription[Any]":
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=self._depth,
-            reliability=self.reliability,
-        )
+        qos = QoSProfile(depth=self._depth, reliability=self.reliability)
         callbacks = events.SubscriptionEventCallbacks(
             message_lost=self._on_lost,
             matched=self._on_match,

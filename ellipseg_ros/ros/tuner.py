@@ -84,7 +84,10 @@ class Tuner(threading.Thread):
             return self._obstacle() or self._start_job(done)
 
     def _obstacle(self) -> str:
-        """Return why no tuning may start now, or ""; asks the share only while none uses it."""
+        """Return why no tuning may start now, or "".
+
+        Queries the share only while no tuning counts on it, which another thread does.
+        """
         if self._busy:
             return "a tuning is running; call again when it has finished"
         wait = self._share.wait()
