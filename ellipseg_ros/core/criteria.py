@@ -26,15 +26,8 @@ class Criterion(NamedTuple):
 
 
 CRITERIA = {
-    "shape": Criterion(
-        "distance in terms of the segments' own shapes (paper, eq. 7)", "", 4.8, (0.1, 100.0)
-    ),
-    "density": Criterion(
-        "volume of the union per mass, the inverse of its density (paper, eq. 6)",
-        "m",
-        0.6,
-        (1e-3, 1e3),
-    ),
+    "shape": Criterion("distance by the shapes of both (paper, eq. 7)", "", 4.8, (0.1, 100.0)),
+    "density": Criterion("volume of the union per mass (paper, eq. 6)", "m", 0.6, (1e-3, 1e3)),
     "parsimony": Criterion("growth of the AICc by the merge", "", 5.0, (0.1, 100.0)),
 }
 SHAPE, DENSITY, PARSIMONY = range(len(CRITERIA))

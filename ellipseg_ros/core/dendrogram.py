@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ellipseg_ros.core.edge_sorting import EDGE
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.rows import Renumbering, row_map
 from ellipseg_ros.records import Array
@@ -20,9 +21,7 @@ class Dendrogram(NamedTuple):
     parent: Array  # int32
     left: Array  # int32: children, side a and side b; NONE in a vertex or a free node
     right: Array
-    made_weight: Array  # float64: the edge at which the union was made
-    made_i: Array  # int32
-    made_j: Array
+    made: Array  # EDGE: the edge at which the union was made
     ancestor: Array  # int32: an ancestor made before the current edge, or the node itself
     segment: Array  # int32: row of the last segmentation of which this was the root, else NONE
     root: Array  # (capacity,) int32, by vertex: its root in the last segmentation
@@ -42,9 +41,7 @@ def new_dendrogram(moments: Array) -> Dendrogram:
         parent=np.full(size, NONE, np.int32),
         left=np.full(size, NONE, np.int32),
         right=np.full(size, NONE, np.int32),
-        made_weight=np.empty(size),
-        made_i=np.empty(size, np.int32),
-        made_j=np.empty(size, np.int32),
+        made=np.empty(size, EDGE),
         ancestor=np.arange(size, dtype=np.int32),
         segment=np.full(size, NONE, np.int32),
         root=np.full(capacity, NONE, np.int32),
@@ -79,12 +76,13 @@ def _move_nodes(old, kept, unions, new_nodes, new):
     _copy(old.value, kept, new_nodes, new.value)
     _copy(old.value, unions, new_nodes, new.value)
     _copy(old.distance, unions, new_nodes, new.distance)
-    _copy(old.made_weight, unions, new_nodes, new.made_weight)
+    _copy(old.made, unions, new_nodes, new.made)
     _copy(old.segment, kept, new_nodes, new.segment)
     _copy(old.segment, unions, new_nodes, new.segment)
     _relink(old.root, kept, new_nodes, new.root)
-    _relink(old.made_i, unions, new_nodes, new.made_i)
-    _relink(old.made_j, unions, new_nodes, new.made_j)
+    for node in unions:
+        edge = new.made[new_nodes[node]]
+        edge.i, edge.j = new_nodes[edge.i], new_nodes[edge.j]
     for link, target in ((old.parent, new.parent), (old.left, new.left), (old.right, new.right)):
         _relink(link, kept, new_nodes, target)
         _relink(link, unions, new_nodes, target)

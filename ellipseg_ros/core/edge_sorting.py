@@ -27,7 +27,7 @@ def no_edges(size: int = 0) -> Edges:
 
 
 # An edge before sorting, which moves it once.
-EDGE = np.dtype([("weight", np.float64), ("i", np.int32), ("j", np.int32)])
+EDGE = np.dtype((np.record, [("weight", "f8"), ("i", "i4"), ("j", "i4")]))
 
 
 class Pieces(NamedTuple):
@@ -73,7 +73,7 @@ def _count(piece, _, bounds, made, pieces, tally):
     """Count the edges of one piece by part."""
     begin = pieces.start[piece]
     for row in range(begin, begin + pieces.count[piece]):
-        tally[piece, _part(made[row]["weight"], bounds)] += 1
+        tally[piece, _part(made[row].weight, bounds)] += 1
 
 
 @kernel
@@ -82,7 +82,7 @@ def _distribute(piece, _, bounds, made, pieces, places, keys, rows):
     begin = pieces.start[piece]
     bits = made.view(np.uint64)  # two an edge
     for row in range(begin, begin + pieces.count[piece]):
-        part = _part(made[row]["weight"], bounds)
+        part = _part(made[row].weight, bounds)
         place = places[piece, part]
         places[piece, part] += 1
         keys[place], rows[place] = bits[2 * row] >> 32, row
@@ -104,7 +104,7 @@ def _sort(start, stop, all_keys, all_rows, made, ascending):
     weight, i, j = ascending
     for k in range(count):
         edge, place = made[rows[k]], start + k
-        weight[place], i[place], j[place] = edge["weight"], edge["i"], edge["j"]
+        weight[place], i[place], j[place] = edge.weight, edge.i, edge.j
 
 
 @kernel

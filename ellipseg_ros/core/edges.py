@@ -102,8 +102,8 @@ def _split_edges(  # noqa: PLR0913  # the ninth argument would only be hidden in
         if status[i] + status[j] == KEPT + DIRTY and (
             lists(knn_indices, i, j) if status[i] == KEPT else lists(knn_indices, j, i)
         ):
-            made[place]["weight"] = edge_weight(moments, i, j)
-            made[place]["i"], made[place]["j"] = i, j
+            edge = made[place]
+            edge.weight, edge.i, edge.j = edge_weight(moments, i, j), i, j
             place += 1
     kept_counts[part], pieces.count[part] = count, place - start
 
@@ -134,8 +134,8 @@ def _list_edges(part, following, cuts, rows, update, made, pieces):
             if (status[other] == KEPT or other < row) and lists(knn_indices, other, row):
                 continue
             i, j = min(row, other), max(row, other)
-            made[place]["weight"] = edge_weight(moments, i, j)
-            made[place]["i"], made[place]["j"] = i, j
+            edge = made[place]
+            edge.weight, edge.i, edge.j = edge_weight(moments, i, j), i, j
             place += 1
     pieces.count[PARTS + part] = place - start
 

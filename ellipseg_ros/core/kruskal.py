@@ -16,7 +16,7 @@ def kruskal(dendrogram, edges, rule, heap, min_active):  # split: 1.5 times as l
     weight, edge_i, edge_j = edges
     moments, value, distance = dendrogram.moments, dendrogram.value, dendrogram.distance
     active, free, ancestor = dendrogram.active, dendrogram.free, dendrogram.ancestor
-    made_weight, made_i, made_j = dendrogram.made_weight, dendrogram.made_i, dendrogram.made_j
+    made = dendrogram.made
     e, stop = 0, _next_wakeup(edges, 0, heap)
     while e < len(weight):
         if e == stop:
@@ -28,8 +28,8 @@ def kruskal(dendrogram, edges, rule, heap, min_active):  # split: 1.5 times as l
         if int(active[i]) + int(active[j]) < min_active:
             continue
         w = weight[e - 1]
-        a = _state_before(ancestor, made_weight, made_i, made_j, i, w, i, j)
-        b = _state_before(ancestor, made_weight, made_i, made_j, j, w, i, j)
+        a = _state_before(ancestor, made, i, w, i, j)
+        b = _state_before(ancestor, made, j, w, i, j)
         if a == b:
             continue
         union = free[free[-1] - 1]
@@ -44,23 +44,24 @@ def kruskal(dendrogram, edges, rule, heap, min_active):  # split: 1.5 times as l
         if stop > e and due(heap, weight[stop - 1], edge_i[stop - 1], edge_j[stop - 1]):
             stop = _next_wakeup(edges, e, heap)
         _link(a, b, union, dendrogram)
-        made_weight[union], made_i[union], made_j[union] = w, i, j
+        edge = made[union]
+        edge.weight, edge.i, edge.j = w, i, j
 
 
 @inlined
-def _state_before(ancestor, made_weight, made_i, made_j, node, w, i, j):
+def _state_before(ancestor, made, node, w, i, j):
     """The highest ancestor of a vertex that was made before the edge (w, i, j).
 
     Halving the path to it is allowed, as the edges ascend.
     """
     while True:
         up = ancestor[node]
-        if up == node or not comes_before(made_weight[up], made_i[up], made_j[up], w, i, j):
+        edge = made[up]
+        if up == node or not comes_before(edge.weight, edge.i, edge.j, w, i, j):
             return node
         higher = ancestor[up]
-        if higher == up or not comes_before(
-            made_weight[higher], made_i[higher], made_j[higher], w, i, j
-        ):
+        edge = made[higher]
+        if higher == up or not comes_before(edge.weight, edge.i, edge.j, w, i, j):
             return up
         ancestor[node] = higher
         node = higher
@@ -102,14 +103,13 @@ def _invalidate(node, dendrogram, heap):
     """
     parent, left, right = dendrogram.parent, dendrogram.left, dendrogram.right
     ancestor = dendrogram.ancestor
-    made_weight, made_i, made_j = dendrogram.made_weight, dendrogram.made_i, dendrogram.made_j
     _activate(node, dendrogram)
     below, up = node, parent[node]
     parent[node] = NONE
     while up != NONE:
         sibling = right[up] if left[up] == below else left[up]
         parent[sibling], ancestor[sibling] = NONE, sibling
-        push(heap, sibling, made_weight[up], made_i[up], made_j[up])
+        push(heap, sibling, dendrogram.made[up])
         below, higher = up, parent[up]
         release(up, dendrogram)
         up = higher

@@ -152,7 +152,6 @@ def _refused_unions(dendrogram: Dendrogram, threshold: float) -> Array:
 @kernel
 def _release_changed(dendrogram, dirty, removed, refused, heap):
     parent, left, right = dendrogram.parent, dendrogram.left, dendrogram.right
-    made_weight, made_i, made_j = dendrogram.made_weight, dendrogram.made_i, dendrogram.made_j
     active = dendrogram.active
     capacity = len(active)
     changed = np.zeros(capacity, np.bool_)
@@ -180,7 +179,7 @@ def _release_changed(dendrogram, dirty, removed, refused, heap):
                 cached = not (dirty[child] or removed[child])
             if cached:
                 parent[child] = NONE
-                push(heap, child, made_weight[union], made_i[union], made_j[union])
+                push(heap, child, dendrogram.made[union])
     for k in range(count):
         release(unions[k], dendrogram)
 

@@ -13,7 +13,8 @@ _COMPONENTS = (
     "count mean_x mean_y mean_z v3_x v3_y v3_z e3 e2 e1 planarity cylindricality "
     "v2_x v2_y v2_z v1_x v1_y v1_z xx xy xz yy yz zz"
 ).split()
-# The same bytes as vectors, for numpy; eigenvalues ascend.
+# The same bytes as vectors; eigenvalues ascend. In kernels m["mean"], as m.mean is a method of
+# numpy where the JIT is off.
 _VECTORS = {
     "mean": ("mean_x", 3),
     "v1": ("v1_x", 3),

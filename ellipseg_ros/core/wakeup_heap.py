@@ -5,81 +5,65 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.core.edge_sorting import comes_before
-from ellipseg_ros.core.jit import inlined, kernel
+from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.records import Array
+
+WAKEUP = np.dtype((np.record, [("weight", "f8"), ("i", "i4"), ("j", "i4"), ("node", "i4")]))
 
 
 class WakeupHeap(NamedTuple):
-    """A binary heap: entry `slot` is the node `node[slot]` with the edge (weight, i, j)."""
+    """A binary heap of nodes by edge."""
 
-    weight: Array
-    i: Array
-    j: Array
-    node: Array
+    entries: Array  # (capacity,) WAKEUP
     size: Array  # (1,) int64
 
 
 def empty_wakeup_heap(capacity: int) -> WakeupHeap:
     """An empty heap with room for `capacity` nodes."""
-    return WakeupHeap(
-        weight=np.empty(capacity),
-        i=np.empty(capacity, np.int32),
-        j=np.empty(capacity, np.int32),
-        node=np.empty(capacity, np.int32),
-        size=np.zeros(1, np.int64),
-    )
+    return WakeupHeap(np.empty(capacity, WAKEUP), np.zeros(1, np.int64))
 
 
 @kernel
 def due(heap, weight, i, j):
     """Whether a node becomes active at the edge (weight, i, j) or before."""
-    return heap.size[0] > 0 and not comes_before(
-        weight, i, j, heap.weight[0], heap.i[0], heap.j[0]
-    )
+    if heap.size[0] == 0:
+        return False
+    first = heap.entries[0]
+    return not comes_before(weight, i, j, first.weight, first.i, first.j)
 
 
 @kernel
-def push(heap, node, weight, i, j):
-    """Add a node that becomes active at the edge (weight, i, j)."""
-    slot = heap.size[0]
+def push(heap, node, edge):
+    """Add a node that becomes active at an edge (EDGE)."""
+    entries, slot = heap.entries, heap.size[0]
     heap.size[0] += 1
     while slot > 0:
-        up = (slot - 1) >> 1
-        if not comes_before(weight, i, j, heap.weight[up], heap.i[up], heap.j[up]):
+        up = entries[(slot - 1) >> 1]
+        if not comes_before(edge.weight, edge.i, edge.j, up.weight, up.i, up.j):
             break
-        _move(heap, up, slot)
-        slot = up
-    heap.weight[slot], heap.i[slot], heap.j[slot], heap.node[slot] = weight, i, j, node
+        entries[slot] = up
+        slot = (slot - 1) >> 1
+    entry = entries[slot]
+    entry.weight, entry.i, entry.j, entry.node = edge.weight, edge.i, edge.j, node
 
 
 @kernel
 def pop(heap):
     """Remove the node that becomes active first, and return it."""
-    first = heap.node[0]
+    entries, first = heap.entries, heap.entries[0].node
     heap.size[0] -= 1
     size = heap.size[0]
-    weight, i, j, node = heap.weight[size], heap.i[size], heap.j[size], heap.node[size]
+    last = entries[size]
     slot, child = 0, 1
     while child < size:
-        other = child + 1
-        if other < size and comes_before(
-            heap.weight[other],
-            heap.i[other],
-            heap.j[other],
-            heap.weight[child],
-            heap.i[child],
-            heap.j[child],
-        ):
-            child = other
-        if not comes_before(heap.weight[child], heap.i[child], heap.j[child], weight, i, j):
+        entry = entries[child]
+        if child + 1 < size:
+            other = entries[child + 1]
+            if comes_before(other.weight, other.i, other.j, entry.weight, entry.i, entry.j):
+                child, entry = child + 1, other
+        if not comes_before(entry.weight, entry.i, entry.j, last.weight, last.i, last.j):
             break
-        _move(heap, child, slot)
+        entries[slot] = entry
         slot, child = child, 2 * child + 1
-    heap.weight[slot], heap.i[slot], heap.j[slot], heap.node[slot] = weight, i, j, node
+    entries[slot] = last
     return first
-
-
-@inlined
-def _move(heap, source, slot):
-    heap.weight[slot], heap.i[slot] = heap.weight[source], heap.i[source]
-    heap.j[slot], heap.node[slot] = heap.j[source], heap.node[source]

@@ -74,7 +74,7 @@ def count_passes(rows):
 def set_moments(moments, row, fits, which):
     """Set position, axes and sigma of a fit from a row of MOMENTS."""
     m = moments[row]
-    fits.position[which] = m.mean
+    fits.position[which] = m["mean"]
     fits.sigma[which] = np.sqrt(m.eigenvalues[::-1])
     fits.axes[which, :, 0], fits.axes[which, :, 1], fits.axes[which, :, 2] = m.v1, m.v2, m.v3
 

@@ -175,7 +175,7 @@ def _grow(points, balls, moments, seed, tube, near, room, line):
     tube: smallest radius of the first tube, m.
     """
     point, axis, fit, ends = line
-    point[:], axis[:] = moments[seed].mean, moments[seed].v1
+    point[:], axis[:] = moments[seed]["mean"], moments[seed].v1
     width = _aim(points, balls.rows[balls.starts[seed] : balls.starts[seed + 1]], line)
     inside = min(max(TUBE_SIGMAS * width, MIN_TUBE, tube), MAX_RADIUS)
     half = END_SIGMAS * math.sqrt(moments[seed].e1)
