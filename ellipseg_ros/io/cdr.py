@@ -107,7 +107,10 @@ def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Arra
     count = len(next(iter(columns.values())))
     layouts = {phase: _layout(columns, phase) for phase in (0, 4)}
     extra = np.zeros(count, np.int64) if tail is None else 4 * np.diff(tail.starts)
-    phases = _phases(start % 8, {phase: kind.itemsize for phase, kind in layouts.items()}, extra)
+    first = start % 8
+    # Every record has a number of 8 bytes, and the layout after it is the same in both phases: the
+    # end of a record, without its tail, does not depend on its start.
+    phases = np.append(first, first + layouts[first].itemsize + extra[:-1]) % 8
     sizes = np.where(phases == 0, layouts[0].itemsize, layouts[4].itemsize)
     ends = np.cumsum(sizes + extra)
     words = np.zeros(ends[-1] // 4, np.uint32)
@@ -124,18 +127,6 @@ def _records(columns: dict[str, Array], tail: Ragged | None, start: int) -> Arra
         words[np.arange(len(shift)) + shift] = tail.values
     end = sizes[-1] - _layout(columns, int(phases[-1]), padded=tail is not None).itemsize
     return words.view(np.uint8)[: len(words) * 4 - end]
-
-
-def _phases(first: int, sizes: dict[int, int], extra: Array) -> Array:
-    """(n,) 0 or 4: start of each record modulo 8.
-
-    Every record has a number of 8 bytes, and the layout after it is the same in both phases: the
-    end of a record, without its tail, does not depend on its start.
-    """
-    phases = np.empty(len(extra), np.int64)
-    phases[0] = first
-    phases[1:] = (first + sizes[first] + extra[:-1]) % 8
-    return phases
 
 
 def _layout(columns: dict[str, Array], start: int, padded: bool = True) -> np.dtype[Any]:

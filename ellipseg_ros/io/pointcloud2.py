@@ -54,10 +54,8 @@ def read_fields(msg: Any) -> Array:
     """Every field of a PointCloud2: (n,) structured, in native byte order."""
     count = msg.width * msg.height
     if msg.point_step > MAX_FIELDS_BYTES:
-        raise InputError(
-            f"point_step is {msg.point_step}; a point has at most {MAX_FIELDS_BYTES} bytes",
-            "point_step",
-        )
+        problem = f"point_step is {msg.point_step}"
+        raise InputError(f"{problem}; a point has at most {MAX_FIELDS_BYTES} bytes", "point_step")
     layout = _layout(msg, count)
     check_xyz(layout)
     if not count:
@@ -104,9 +102,8 @@ def _layout(msg: Any, count: int) -> Layout:
             continue
         check_name("field", field.name)
         if field.name in fields:
-            raise InputError(
-                f"the cloud has two fields named {field.name!r}; names must differ", "field_twice"
-            )
+            problem = f"the cloud has two fields named {field.name!r}"
+            raise InputError(f"{problem}; names must differ", "field_twice")
         kind = TYPES.get(field.datatype)
         if kind is None:
             problem = f"has datatype {field.datatype}; PointField has 1 to 8"
@@ -120,10 +117,8 @@ def _layout(msg: Any, count: int) -> Layout:
             raise InputError(f"{problem}, {limit}", "point_step")
         total += size  # overlapping fields are separated when clouds are joined
         if total > MAX_FIELDS_BYTES:
-            raise InputError(
-                f"the fields of a point hold more than {MAX_FIELDS_BYTES} bytes, the maximum",
-                "fields",
-            )
+            problem = f"the fields of a point hold more than {MAX_FIELDS_BYTES} bytes"
+            raise InputError(f"{problem}, the maximum", "fields")
         shape = () if number == 1 else (number,)
         fields[field.name] = (np.dtype((order + kind, shape)), field.offset)
         point_step = max(point_step, end)
@@ -275,10 +270,8 @@ def write_cloud(fields: Array, stamp_ns: int, frame_id: str) -> bytes:
     """Structured points with x, y, z as a serialized PointCloud2, little-endian, one row."""
     fields = np.ascontiguousarray(fields)
     if fields.nbytes > MAX_DATA_BYTES:
-        raise InputError(
-            f"{len(fields)} points take {fields.nbytes} bytes; a message holds {MAX_DATA_BYTES}",
-            "bytes",
-        )
+        problem = f"{len(fields)} points take {fields.nbytes} bytes"
+        raise InputError(f"{problem}; a message holds {MAX_DATA_BYTES}", "bytes")
     out = Cdr()
     out.header(stamp_ns, frame_id)
     out.put("II", 1, len(fields))
