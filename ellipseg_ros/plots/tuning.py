@@ -49,7 +49,9 @@ def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
             mark(axes, choice.threshold, float(total[row]) / points, f"τ = {choice.threshold:.3g}")
     over = "one window" if len(curves) == 1 else f"{len(curves)} windows together"
     text = f"AICc, criterion {choice.criterion}, {over}"
-    title(axes, text, threshold_label(choice.criterion), "AICc per point")
+    title(
+        axes, text, threshold_label(choice.criterion, f" of {choice.criterion}"), "AICc per point"
+    )
     legend(axes)
 
 
@@ -87,14 +89,14 @@ def loss_over_threshold(axes: Axes, curves: Sequence[Curve], choice: Choice) -> 
     limits = (near[0] / 1.5, near[-1] * 1.5)
     axes.set(xscale="log", xlim=limits, ylim=(-0.02, MAX_SHOWN_LOSS))
     text = "Loss: (AICc − minimum) / (AICc of singletons − minimum)"
-    title(axes, text, threshold_label(choice.criterion), "loss")
+    title(axes, text, threshold_label(choice.criterion, f" of {choice.criterion}"), "loss")
     legend(axes, loc="upper right")
 
 
-def threshold_label(criterion: str) -> str:
-    """Label of an axis with thresholds."""
+def threshold_label(criterion: str, of: str = "") -> str:
+    """Label of an axis of thresholds, with the unit; of: what the threshold belongs to."""
     unit = CRITERIA[criterion].unit
-    return f"threshold τ of {criterion}" + (f" [{unit}]" if unit else "")
+    return f"threshold τ{of}" + (f" [{unit}]" if unit else "")
 
 
 def _thresholds(curves: Sequence[Curve]) -> Array:
