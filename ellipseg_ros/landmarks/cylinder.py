@@ -6,6 +6,7 @@ import numpy as np
 
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, solve
+from ellipseg_ros.core.linalg.vectors import cross, difference, dot, norm, row
 from ellipseg_ros.landmarks.fits import add_observation
 
 PARAMETERS = 6  # offset along u, v, m; slope along u, v; radius, m; change of the radius along
@@ -24,34 +25,28 @@ RIDGE = 1e-6  # by point: points on one line leave one side undetermined
 @kernel
 def axial(points, i, point, axis):
     """Coordinate of a point along an axis, and its distance from it, m."""
-    x, y, z = points[i, 0] - point[0], points[i, 1] - point[1], points[i, 2] - point[2]
-    along = x * axis[0] + y * axis[1] + z * axis[2]
-    return along, math.sqrt(max(0.0, x * x + y * y + z * z - along * along))
+    offset = difference(row(points, i), point)
+    along = dot(offset, axis)
+    return along, math.sqrt(max(0.0, dot(offset, offset) - along * along))
 
 
 @kernel
 def across(axis):
     """Unit vectors u and v so that axis, u, v is a right-handed frame."""
-    smallest = 0
-    for k in range(1, 3):
-        if abs(axis[k]) < abs(axis[smallest]):
-            smallest = k
+    smallest = np.argmin(np.abs(axis))
     u = -axis[smallest] * axis
     u[smallest] += 1.0
-    u /= math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    x = axis[1] * u[2] - axis[2] * u[1]
-    y = axis[2] * u[0] - axis[0] * u[2]
-    z = axis[0] * u[1] - axis[1] * u[0]
-    return u, np.array([x, y, z])
+    u /= norm(u)
+    return u, np.array(cross(axis, u))
 
 
 @kernel
 def residual(points, i, point, u, v, axis, fit, jacobian):
     """Distance of a point from the surface, m, outside positive; minus its derivatives by fit."""
-    x, y, z = points[i, 0] - point[0], points[i, 1] - point[1], points[i, 2] - point[2]
-    along = x * axis[0] + y * axis[1] + z * axis[2]
-    a = x * u[0] + y * u[1] + z * u[2] - fit[0] - fit[2] * along
-    b = x * v[0] + y * v[1] + z * v[2] - fit[1] - fit[3] * along
+    offset = difference(row(points, i), point)
+    along = dot(offset, axis)
+    a = dot(offset, u) - fit[0] - fit[2] * along
+    b = dot(offset, v) - fit[1] - fit[3] * along
     from_axis = max(1e-9, math.sqrt(a * a + b * b))
     a, b = a / from_axis, b / from_axis
     jacobian[0], jacobian[1] = a, b

@@ -7,6 +7,7 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.linalg.vectors import difference, dot, norm, row
 from ellipseg_ros.core.members import Boxes, Members
 from ellipseg_ros.landmarks.cylinder import (
     PARAMETERS,
@@ -186,12 +187,7 @@ def _grow(points, balls, moments, seed, tube, near, room, line):
     for _round in range(ROUNDS):
         collected = _collect(points, balls, near[:close], line, inside + CLEARANCE, room)
         _find_ends(points, room[:collected], inside, line)
-        count = 0
-        for k in range(collected):
-            along, aside = axial(points, room[k], point, axis)
-            if ends[0] <= along <= ends[1] and aside <= inside:
-                room[count] = room[k]
-                count += 1
+        count = _within(points, room[:collected], line, ends[0], ends[1], inside, room)
         if count < MIN_POINTS:
             return 0
         room[:count] = np.sort(room[:count])
@@ -230,7 +226,7 @@ def _aim(points, rows, line):
             j = rows[order[count - 1 - trial * SECOND_PAIR % third]]
             a[:] = points[i]
             b[:] = points[j] - points[i]
-            length = math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
+            length = norm(b)
             if not length > MIN_SEED_SIGMA:
                 continue
             b /= length
@@ -258,15 +254,13 @@ def _aim(points, rows, line):
 def _near(balls, line, near):
     """Write the segments that may come near the line; returns how many."""
     count = 0
-    centre = balls.centre
-    px, py, pz = line.point[0], line.point[1], line.point[2]
     for s in range(len(balls.radius)):
         radius = balls.radius[s]
-        x, y, z = centre[s, 0] - px, centre[s, 1] - py, centre[s, 2] - pz
+        offset = difference(row(balls.centre, s), line.point)
         farthest = NEAR_ACROSS + NEAR_ALONG + radius
-        if x * x + y * y + z * z > farthest * farthest:
+        if dot(offset, offset) > farthest * farthest:
             continue  # most of them
-        along, aside = axial(centre, s, line.point, line.axis)
+        along, aside = axial(balls.centre, s, line.point, line.axis)
         if aside <= NEAR_ACROSS + radius and abs(along) <= NEAR_ALONG + radius:
             near[count] = s
             count += 1
@@ -283,11 +277,23 @@ def _collect(points, balls, near, line, tube, room):
         radius = balls.radius[s]
         if aside > tube + radius or along < low - radius or along > high + radius:
             continue
-        for k in range(balls.starts[s], balls.starts[s + 1]):
-            along, aside = axial(points, balls.rows[k], line.point, line.axis)
-            if aside <= tube and low <= along <= high:
-                room[count] = balls.rows[k]
-                count += 1
+        rows = balls.rows[balls.starts[s] : balls.starts[s + 1]]
+        count += _within(points, rows, line, low, high, tube, room[count:])
+    return count
+
+
+@kernel
+def _within(points, rows, line, low, high, tube, room):
+    """Write the points in a tube around a part of the axis; returns how many.
+
+    low, high: ends of the part, m. rows and room may start at the same place.
+    """
+    count = 0
+    for i in rows:
+        along, aside = axial(points, i, line.point, line.axis)
+        if aside <= tube and low <= along <= high:
+            room[count] = i
+            count += 1
     return count
 
 
@@ -331,7 +337,7 @@ def _recentre(line):
     middle = 0.5 * (ends[0] + ends[1])
     point += fit[0] * u + fit[1] * v
     axis += fit[2] * u + fit[3] * v
-    axis /= math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+    axis /= norm(axis)
     point += middle * axis
     ends -= middle
     fit[RADIUS] += fit[TAPER] * middle
@@ -341,11 +347,7 @@ def _recentre(line):
 @kernel
 def _orient(line):
     """Turn the line so that the largest component of its axis is positive."""
-    largest = line.axis[0]
-    for k in range(1, 3):
-        if abs(line.axis[k]) > abs(largest):
-            largest = line.axis[k]
-    if largest < 0.0:
+    if line.axis[np.argmax(np.abs(line.axis))] < 0.0:
         line.axis[:] = -line.axis
         line.fit[TAPER] = -line.fit[TAPER]
         line.ends[0], line.ends[1] = -line.ends[1], -line.ends[0]

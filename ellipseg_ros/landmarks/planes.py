@@ -7,6 +7,7 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.jit import for_parts, kernel
+from ellipseg_ros.core.linalg.vectors import difference, dot
 from ellipseg_ros.core.members import Boxes, group_boxes, group_members
 from ellipseg_ros.core.moments import shape, unite, united
 from ellipseg_ros.landmarks.fits import (
@@ -118,14 +119,10 @@ def _join_coplanar(moments, low, high, plane):
 @kernel
 def _coplanar(a, b):
     """Whether b, the moments of the smaller part, lies in the plane of a."""
-    cosine = from_a = from_b = 0.0
-    for axis in range(3):
-        between = b.mean[axis] - a.mean[axis]
-        cosine += a.v3[axis] * b.v3[axis]
-        from_a += a.v3[axis] * between
-        from_b += b.v3[axis] * between
-    near = abs(from_a) <= MAX_OFFSET and abs(from_b) <= OFFSET_FACTOR * MAX_OFFSET
-    return near and abs(cosine) >= MIN_COSINE
+    between = difference(b.mean, a.mean)
+    near = abs(dot(a.v3, between)) <= MAX_OFFSET
+    near = near and abs(dot(b.v3, between)) <= OFFSET_FACTOR * MAX_OFFSET
+    return near and abs(dot(a.v3, b.v3)) >= MIN_COSINE
 
 
 @kernel
