@@ -31,10 +31,10 @@ from ellipseg_ros.landmarks.fits import (
     renumber,
     select_fits,
 )
+from ellipseg_ros.landmarks.seed_axis import MIN_SEED_SIGMA, aim
 from ellipseg_ros.records import Array
 
 # Seeds: segments from which lines grow
-MIN_SEED_SIGMA = 0.25  # m: smallest standard deviation along a seed
 MAX_SEED_SIGMA = 1000.0  # m: the largest; a stray point far away stretches a segment endlessly
 MAX_SEED_WIDTH = 0.35  # m: largest standard deviation across a seed
 MAX_SEED_ASPECT = 0.5  # width by length of a seed
@@ -42,11 +42,6 @@ SHEET_THICKNESS = 0.08  # m: a seed thinner than this, and wide, is a piece of g
 MIN_POINTS = 12  # of a seed, and of a line
 STRIP_THICKNESS = 0.03  # m: a thinner seed may be a strip of something round and wider
 MAX_TAKEN = 0.3  # share of the points that other lines have, of a seed or a line
-
-# First axis of a seed: the best of lines through pairs of its points
-TRIALS = 24  # pairs
-TRIAL_DISTANCE = 0.25  # m: points nearer to a trial axis support it
-FIRST_PAIR, SECOND_PAIR = 7919, 6101  # primes: different pairs in every trial
 
 # Growth along the axis
 ROUNDS = 6  # of collecting and fitting
@@ -177,7 +172,8 @@ def _grow(points, balls, moments, seed, tube, near, room, line):
     """
     point, axis, fit, ends = line
     point[:], axis[:] = moments[seed]["mean"], moments[seed].v1
-    width = _aim(points, balls.rows[balls.starts[seed] : balls.starts[seed + 1]], line)
+    rows = balls.rows[balls.starts[seed] : balls.starts[seed + 1]]
+    width = aim(points, rows, point, axis)
     inside = min(max(TUBE_SIGMAS * width, MIN_TUBE, tube), MAX_RADIUS)
     half = END_SIGMAS * math.sqrt(moments[seed].e1)
     ends[0], ends[1] = -half, half
@@ -202,52 +198,6 @@ def _grow(points, balls, moments, seed, tube, near, room, line):
             break
         length = ends[1] - ends[0]
     return count
-
-
-@kernel
-def _aim(points, rows, line):
-    """Turn a first axis to where most points lie; returns their RMS distance from it.
-
-    The axes tried are lines through pairs of points, one from either end, so that other parts of
-    the segment, a bough or leaves, have no influence.
-    """
-    point, axis = line.point, line.axis
-    count = len(rows)
-    along = np.empty(count)
-    for k in range(count):
-        along[k] = axial(points, rows[k], point, axis)[0]
-    order = np.argsort(along, kind="mergesort")
-    third = max(1, count // 3)
-    best, through, direction = -1.0, point.copy(), axis.copy()
-    a, b = point.copy(), axis.copy()
-    for trial in range(TRIALS + 1):
-        if trial > 0:
-            i = rows[order[trial * FIRST_PAIR % third]]
-            j = rows[order[count - 1 - trial * SECOND_PAIR % third]]
-            a[:] = points[i]
-            b[:] = points[j] - points[i]
-            length = norm(b)
-            if not length > MIN_SEED_SIGMA:
-                continue
-            b /= length
-        score = 0.0
-        for k in range(count):
-            ratio = axial(points, rows[k], a, b)[1] / TRIAL_DISTANCE
-            score += max(0.0, 1.0 - ratio * ratio)
-        if score > best:
-            best = score
-            through[:], direction[:] = a, b
-    total, support = 0.0, 0
-    point[:] = 0.0
-    for k in range(count):
-        aside = axial(points, rows[k], through, direction)[1]
-        if aside <= TRIAL_DISTANCE:
-            support += 1
-            total += aside * aside
-            point += points[rows[k]]
-    axis[:] = direction
-    point /= max(1, support)
-    return math.sqrt(total / max(1, support))
 
 
 @kernel
