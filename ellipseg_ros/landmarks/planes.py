@@ -119,7 +119,7 @@ def _join_coplanar(moments, low, high, plane):
 @kernel
 def _coplanar(a, b):
     """Whether b, the moments of the smaller part, lies in the plane of a."""
-    between = difference(b.mean, a.mean)
+    between = difference(b["mean"], a["mean"])
     near = abs(dot(a.v3, between)) <= MAX_OFFSET
     near = near and abs(dot(b.v3, between)) <= OFFSET_FACTOR * MAX_OFFSET
     return near and abs(dot(a.v3, b.v3)) >= MIN_COSINE
