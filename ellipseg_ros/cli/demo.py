@@ -7,10 +7,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ellipseg_ros.cli.isolation import LOCALHOST_ONLY, environment_variables, reserved_domain
+from ellipseg_ros.cli import isolation, report, results
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
-from ellipseg_ros.cli.report import Meter, Progress, heading, print_status, progress_bar
-from ellipseg_ros.cli.results import BAG, LOG, PARAMETERS, finish, prepare, require_plots
 from ellipseg_ros.cli.segment import run_updates
 from ellipseg_ros.cli.settings import Settings, parameter_file, read_settings, with_settings
 from ellipseg_ros.cli.sources import open_input
@@ -55,19 +53,19 @@ class LiveRun:
 
 def run(args: Namespace) -> int:
     """Run, verify and report; returns the exit code, 1 if the verification failed."""
-    require_plots(args)
+    results.require_plots(args)
     source = open_input(args.data, args)
     defaults = {"max_points_per_second": MAX_POINTS_PER_SECOND} if source.duration else {}
     settings = with_settings(read_settings(args, defaults), REPRODUCIBLE)
     folder = Path(args.output)
-    prepare(folder, args.data)
-    with reserved_domain() as number:
+    results.prepare(folder, args.data)
+    with isolation.reserved_domain() as number:
         domain = {"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", str(number))}
-        with environment_variables(LOCALHOST_ONLY | domain):
+        with isolation.environment_variables(isolation.LOCALHOST_ONLY | domain):
             live = _run_node(source, settings, folder, args)
     verification, meter = _verify(source, settings, folder, live, args)
-    summary = heading(args.data, source.frame_id, settings) | meter.counts(live.sent.wall_seconds)
-    summary |= {
+    summary = report.heading(args.data, source.frame_id, settings)
+    summary |= meter.counts(live.sent.wall_seconds) | {
         "updates": verification.updates,
         "points": live.sent.points,
         "update_ms": live.milliseconds("processing"),
@@ -78,15 +76,15 @@ def run(args: Namespace) -> int:
         "problems": verification.problems,
         "node": live.diagnostics,
     }
-    finish(folder, summary, meter.last, args)
+    results.finish(folder, summary, meter.last, args)
     if meter.last is not None and meter.last.counts.thinned:
         rate = settings.config.max_points_per_second
-        print_status(f"The clouds were thinned: max_points_per_second = {rate:,}.", args)
+        report.print_status(f"The clouds were thinned: max_points_per_second = {rate:,}.", args)
     if not verification.passed:
         lines = ["ellipseg: the verification failed", *verification.problems[:MAX_PROBLEMS]]
         print("\n".join(lines), file=sys.stderr)
         return 1
-    print_status(NEXT_STEPS.format(folder=folder), args)
+    report.print_status(NEXT_STEPS.format(folder=folder), args)
     return 0
 
 
@@ -95,13 +93,13 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
     name = f"/demo_{os.getpid()}"  # the domain may have other nodes
     namespace = ["--ros-args", "-r", f"__ns:={name}", "-r", f"/diagnostics:={name}/diagnostics"]
     client_args = [*namespace, "--log-level", "warn"]
-    node_args = [*namespace, "--params-file", str(folder / PARAMETERS)]
-    write_text(folder / PARAMETERS, parameter_file(settings.flat()))
+    parameters = folder / results.PARAMETERS
+    write_text(parameters, parameter_file(settings.flat()))
     period = settings.config.update_period
     options = ReplayOptions(rate=0.0, clock=False, update_timeout=UPDATE_TIMEOUT_S)
     options = replace(options, ahead=AHEAD * period, update_period=period)
     with ExitStack() as stack:
-        bag = stack.enter_context(BagSink(folder / BAG, settings.node))
+        bag = stack.enter_context(BagSink(folder / results.BAG, settings.node))
         recorder = stack.enter_context(Recorder(bag, client_args))
         replayer = stack.enter_context(Replayer(source, options, client_args))
 
@@ -109,11 +107,14 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
             recorder.stop(reason)
             replayer.stop()
 
-        print_status("starting the node, which compiles its kernels the first time ...", args)
-        node = stack.enter_context(NodeProcess(node_args, folder / LOG, abort))
+        report.print_status(
+            "starting the node, which compiles its kernels the first time ...", args
+        )
+        node_args = [*namespace, "--params-file", str(parameters)]
+        node = stack.enter_context(NodeProcess(node_args, folder / results.LOG, abort))
         node.start()
         recorder.wait_for_topics(START_TIMEOUT_S)
-        bar = stack.enter_context(progress_bar(source.count, "clouds", args))
+        bar = stack.enter_context(report.progress_bar(source.count, "clouds", args))
         sent, updates = _send(replayer, recorder, Grouping(settings.config), bar)
         recorder.wait_for_updates(updates, UPDATE_TIMEOUT_S)
         recorder.wait_for_report("updates", updates, UPDATE_TIMEOUT_S)
@@ -123,7 +124,7 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
 
 
 def _send(
-    replayer: Replayer, recorder: Recorder, grouping: Grouping, bar: Progress
+    replayer: Replayer, recorder: Recorder, grouping: Grouping, bar: report.Progress
 ) -> tuple[ReplaySummary, int]:
     """Send all clouds; returns what was sent, and the number of updates expected of the node."""
     updates = []
@@ -142,15 +143,15 @@ def _send(
 
 def _verify(
     source: Source, settings: Settings, folder: Path, live: LiveRun, args: Namespace
-) -> tuple[Verification, Meter]:
+) -> tuple[Verification, report.Meter]:
     """Segment the source offline, and compare every update with that of the node."""
-    print_status("verifying: segmenting the same clouds offline ...", args)
+    report.print_status("verifying: segmenting the same clouds offline ...", args)
     warm_up()
-    verification, meter = Verification(live.updates, settings.node), Meter()
-    recorded = recorded_updates(folder / BAG)
-    with progress_bar(live.updates, "updates", args) as bar:
-        results = run_updates(source, settings.config, meter)
-        for (group, result), node in zip(results, recorded, strict=False):
+    verification, meter = Verification(live.updates, settings.node), report.Meter()
+    recorded = recorded_updates(folder / results.BAG)
+    with report.progress_bar(live.updates, "updates", args) as bar:
+        offline = run_updates(source, settings.config, meter)
+        for (group, result), node in zip(offline, recorded, strict=False):
             verification.update(group, result, node)
             bar.update()
     return verification, meter

@@ -6,11 +6,12 @@ import subprocess
 import sys
 from argparse import Namespace
 from dataclasses import asdict
+from itertools import chain
 
-from ellipseg_ros.cli.report import print_status
+from ellipseg_ros.cli.report import compile_kernels, print_status
 from ellipseg_ros.doctor.clouds import check_speed
 from ellipseg_ros.doctor.environment import check_environment, read_environment
-from ellipseg_ros.doctor.findings import ERROR, Finding, error, failed
+from ellipseg_ros.doctor.findings import ERROR, Finding, error
 from ellipseg_ros.doctor.graph import check_graph
 from ellipseg_ros.doctor.installation import check_installation, read_installation
 from ellipseg_ros.doctor.snapshot import GraphSnapshot
@@ -24,22 +25,23 @@ Findings = dict[str, list[Finding]]  # by section
 
 def run(args: Namespace) -> int:
     """Check everything and report; returns 1 if any finding is an error."""
-    limits = f"above 0, at most {MAX_SECONDS:g}"
     if not 0.0 < args.seconds <= MAX_SECONDS:
+        limits = f"above 0, at most {MAX_SECONDS:g}"
         raise EllipsegError(f"--seconds is {args.seconds:g}; it must be {limits}")
     middleware, ros_error = _import_ros()
     installation = read_installation(ros_error)
     python = ".".join(map(str, installation.python))
     environment = read_environment(os.environ, python, middleware)
-    findings: Findings = {
-        "installation": list(check_installation(installation)),
-        "environment": list(check_environment(environment)),
-    }
-    graph = None
+    findings: Findings = {"installation": list(check_installation(installation))}
+    findings["environment"] = list(check_environment(environment))
+    graph: GraphSnapshot | None = None
     if not (args.offline or ros_error or not middleware):
         print_status(f"observing the graph for {args.seconds:g} s ...", args)
         try:
-            graph = _observe(args)
+            from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs ROS
+
+            with GraphProbe(args.topic, args.namespace) as probe:
+                graph = probe.probe(args.seconds)
             findings["graph"] = list(check_graph(graph, environment.receive_buffer))
         except EllipsegError as problem:
             remedy = "correct the errors above, or the names given"
@@ -47,7 +49,7 @@ def run(args: Namespace) -> int:
     if not (args.no_speed or installation.interpreted or installation.numba_error):
         findings["speed"] = [_speed(graph, args)]
     show(findings, args)
-    return 1 if any(map(failed, findings.values())) else 0
+    return int(any(finding.level == ERROR for finding in chain(*findings.values())))
 
 
 def _import_ros() -> tuple[str, str]:
@@ -67,20 +69,11 @@ def _import_ros() -> tuple[str, str]:
     return "", f"ROS does not load: {' '.join(last[0].split())}"
 
 
-def _observe(args: Namespace) -> GraphSnapshot:
-    from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs a working ROS
-
-    with GraphProbe(args.topic, args.namespace) as probe:
-        return probe.probe(args.seconds)
-
-
 def _speed(graph: GraphSnapshot | None, args: Namespace) -> Finding:
     """Measure how many points per second this machine segments: some 10 s of computing."""
     from ellipseg_ros.doctor.speed import measure_speed  # only here: numba may not load
-    from ellipseg_ros.segmenter import warm_up
 
-    print_status("compiling kernels, which takes longer the first time ...", args)
-    warm_up()
+    compile_kernels(args)
     print_status("measuring the speed ...", args)
     return check_speed(measure_speed(), graph)
 

@@ -46,10 +46,8 @@ class Meter:
 
     def add(self, group: Sweep, result: Segmentation) -> None:
         """Count the result of an update."""
-        if self.last is None or result.restart:
-            begin = int(group.times_ns.min(initial=result.end_ns))
-        else:
-            begin = self.last.end_ns
+        first = int(group.times_ns.min(initial=result.end_ns))
+        begin = first if self.last is None or result.restart else self.last.end_ns
         self.sensor_ns += max(0, result.end_ns - begin)
         self.restarts += bool(result.restart)
         self.late += result.late
@@ -58,10 +56,8 @@ class Meter:
 
     def summary(self) -> Summary:
         """Counts, times, and the last window."""
-        return self.counts(time.perf_counter() - self.started) | {
-            "update_ms": percentiles(self.times_s),
-            "peak_memory_mb": peak_mb(),
-        }
+        times = {"update_ms": percentiles(self.times_s), "peak_memory_mb": peak_mb()}
+        return self.counts(time.perf_counter() - self.started) | times
 
     def counts(self, wall_s: float) -> Summary:
         """Counts and the last window; wall_s: duration of the run."""
@@ -137,6 +133,14 @@ def print_status(text: str, args: Namespace) -> None:
     """Print a status line to stderr; nothing with --quiet or --json."""
     if not (args.quiet or args.json):
         print(text, file=sys.stderr)
+
+
+def compile_kernels(args: Namespace) -> None:
+    """Compile all kernels, or load them from the cache, after a status line."""
+    from ellipseg_ros.segmenter import warm_up  # only here: numba may not load
+
+    print_status("compiling kernels, which takes longer the first time ...", args)
+    warm_up()
 
 
 def progress_bar(total: int | None, unit: str, args: Namespace) -> Progress:

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-from ellipseg_ros.cli.report import Meter, Progress, heading, print_status, progress_bar
-from ellipseg_ros.cli.results import BAG, finish, prepare, require_plots
+from ellipseg_ros.cli import report, results
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.config import Config
@@ -15,26 +14,25 @@ from ellipseg_ros.io.sources import Source
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.node.stamps import StampMonitor
 from ellipseg_ros.records import Segmentation, Sweep
-from ellipseg_ros.segmenter import Segmenter, warm_up
+from ellipseg_ros.segmenter import Segmenter
 
 
 def run(args: Namespace) -> int:
     """Segment `args.source` and write the results; returns the exit code."""
-    require_plots(args)
+    results.require_plots(args)
     settings = read_settings(args)
     source = open_input(args.source, args)
     folder = Path(args.output or f"{source.name}_segmented")
-    prepare(folder, args.source)
-    print_status("compiling kernels, which takes longer the first time ...", args)
-    warm_up()
+    results.prepare(folder, args.source)
+    report.compile_kernels(args)
     meter = _segment(source, settings, folder, args)
-    summary = heading(args.source, source.frame_id, settings) | meter.summary()
-    finish(folder, summary, meter.last, args)
+    summary = report.heading(args.source, source.frame_id, settings) | meter.summary()
+    results.finish(folder, summary, meter.last, args)
     return 0
 
 
 def run_updates(
-    sweeps: Iterable[Sweep], config: Config, meter: Meter
+    sweeps: Iterable[Sweep], config: Config, meter: report.Meter
 ) -> Iterator[tuple[Sweep, Segmentation]]:
     """Yield the joined sweeps of every update with their result, timed by the meter."""
     segmenter = Segmenter(config)
@@ -45,24 +43,24 @@ def run_updates(
         yield group, result
 
 
-def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) -> Meter:
+def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) -> report.Meter:
     """Run all updates; write input and results to a bag unless there is --no-bag."""
-    meter = Meter()
+    meter = report.Meter()
     with ExitStack() as stack:
-        bar = stack.enter_context(progress_bar(source.count, "clouds", args))
-        sink = None if args.no_bag else BagSink(folder / BAG, settings.node)
+        bar = stack.enter_context(report.progress_bar(source.count, "clouds", args))
+        sink = None if args.no_bag else BagSink(folder / results.BAG, settings.node)
         bag = stack.enter_context(sink) if sink else None
         sweeps = _observed(source, settings.config, bag, bar, args)
         for _, result in run_updates(sweeps, settings.config, meter):
             if result.restart:
-                print_status(f"the window restarts: {result.restart}", args)
+                report.print_status(f"the window restarts: {result.restart}", args)
             if bag is not None:
                 bag.write_update(result)
     return meter
 
 
 def _observed(
-    source: Source, config: Config, bag: BagSink | None, bar: Progress, args: Namespace
+    source: Source, config: Config, bag: BagSink | None, bar: report.Progress, args: Namespace
 ) -> Iterator[Sweep]:
     """Yield the sweeps; report unusual stamps of each, and write it to the bag."""
     stamps = StampMonitor()
@@ -70,7 +68,7 @@ def _observed(
         bar.update()
         warning = stamps.check(sweep, config.window_duration, config.max_lateness)
         if warning:
-            print_status(warning, args)
+            report.print_status(warning, args)
         if bag is not None:
             bag.write_points(sweep)
         yield sweep

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ellipseg_ros.cli import tune_results
-from ellipseg_ros.cli.report import print_status, progress_bar
+from ellipseg_ros.cli.report import compile_kernels, print_status, progress_bar
 from ellipseg_ros.cli.results import prepare, require_plots
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
@@ -15,7 +15,6 @@ from ellipseg_ros.cli.tune_results import CurveStore, TuningRun
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.errors import ConfigError, EllipsegError
 from ellipseg_ros.io.sources import Source
-from ellipseg_ros.segmenter import warm_up
 from ellipseg_ros.tuning import parallel
 from ellipseg_ros.tuning.search import Search
 from ellipseg_ros.tuning.tasks import Task
@@ -38,15 +37,13 @@ def run(args: Namespace) -> int:
     folder = Path(args.output or f"{first.name}_tuned")
     for spec in sources:
         prepare(folder, spec, tune_results.NAMES, keep=(tune_results.WINDOWS,))
-    print_status("compiling kernels, which takes longer the first time ...", args)
-    warm_up()
+    compile_kernels(args)
     tuning = TuningRun(list(sources), settings, criteria)
     tasks, total = _tasks(sources, search, tuning, args), _expected(sources, settings, args)
     _run_all(tasks, total, tuning, CurveStore(folder), args)
     if not tuning.results:
         raise EllipsegError(f"no window could be tuned: {'; '.join(tuning.problems[:3])}")
     tune_results.finish(folder, tuning, args)
-    tune_results.print_tuning(tuning, args)
     return 1 if tuning.problems else 0
 
 

@@ -105,7 +105,10 @@ class TuningRun:
 
 
 def finish(folder: Path, tuning: TuningRun, args: Namespace) -> None:
-    """Write summary, table, parameter files and charts; the windows are stored already."""
+    """Write summary, table, parameter files and charts; print minima and choices.
+
+    The windows are stored already.
+    """
     write_summary(tuning.summary(), folder / SUMMARY)
     with replacing(folder / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(_table(tuning))
@@ -120,27 +123,17 @@ def finish(folder: Path, tuning: TuningRun, args: Namespace) -> None:
             paths = [folder / f"{name}.{kind}" for kind in ("png", "svg")]
             charts.draw_tuning(tuning.curves(name), choice, paths)
     print_status(f"wrote {folder}/: {', '.join(n for n in NAMES if (folder / n).exists())}", args)
+    print_results(tuning.summary(), [*_windows(tuning), "", *_choices(tuning)], args)
 
 
 def parameters(tuning: TuningRun, choice: Choice) -> str:
     """A parameter file for the node: the tuned threshold, and the settings it was tuned with."""
     tuned = {"criterion": choice.criterion, "threshold": choice.threshold}
-    defaults = Settings().flat()
-    changed = {
-        name: value
-        for name, value in (tuning.settings.flat() | tuned).items()
-        if value != defaults[name] or name in tuned
-    }
-    head = (
-        f"# Tuned on {choice.windows} windows: mean loss {choice.mean_loss:.4f}, "
-        f"worst {choice.worst_loss:.4f}.\n# All other parameters have their defaults.\n"
-    )
-    return head + parameter_file(changed)
-
-
-def print_tuning(tuning: TuningRun, args: Namespace) -> None:
-    """Print minima and choices as JSON or as a table; nothing with --quiet."""
-    print_results(tuning.summary(), [*_windows(tuning), "", *_choices(tuning)], args)
+    values, defaults = tuning.settings.flat() | tuned, Settings().flat()
+    changed = {n: v for n, v in values.items() if v != defaults[n] or n in tuned}
+    losses = f"mean loss {choice.mean_loss:.4f}, worst {choice.worst_loss:.4f}"
+    head = f"# Tuned on {choice.windows} windows: {losses}.\n"
+    return f"{head}# All other parameters have their defaults.\n{parameter_file(changed)}"
 
 
 def _table(tuning: TuningRun) -> Iterator[list[Any]]:
@@ -177,15 +170,12 @@ def _windows(tuning: TuningRun) -> Iterator[str]:
 def _choices(tuning: TuningRun) -> Iterator[str]:
     """Lines of text: the choices, reused windows and problems."""
     for name, choice in tuning.choices().items():
-        yield (
-            f"{name}: threshold {choice.threshold:.4g}, mean loss {choice.mean_loss:.4f}, worst "
-            f"{choice.worst_loss:.4f} over {choice.windows} windows, whose minima lie from "
-            f"{choice.lowest_minimum:.4g} to {choice.highest_minimum:.4g}"
-        )
-        present = (
-            f"mean loss {choice.present_mean_loss:.4f}, worst {choice.present_worst_loss:.4f}"
-        )
-        yield f"  {choice.present:g} as set now: {present}"
+        losses = f"mean loss {choice.mean_loss:.4f}, worst {choice.worst_loss:.4f}"
+        minima = f"{choice.lowest_minimum:.4g} to {choice.highest_minimum:.4g}"
+        windows = f"{choice.windows} windows, whose minima lie from {minima}"
+        yield f"{name}: threshold {choice.threshold:.4g}, {losses} over {windows}"
+        losses = f"mean loss {choice.present_mean_loss:.4f}, worst {choice.present_worst_loss:.4f}"
+        yield f"  {choice.present:g} as set now: {losses}"
         if choice.at_end:
             yield "  a minimum is at the end of the thresholds tried: extend them, --from, --to"
     if tuning.reused:

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,7 +45,6 @@ class Environment:
 
 def read_environment(variables: Mapping[str, str], python: str, middleware: str) -> Environment:
     """Collect the facts; python: version of this interpreter, middleware: loaded by ROS."""
-    rmem_max = Path("/proc/sys/net/core/rmem_max")
     prefixes = [path for path in variables.get("AMENT_PREFIX_PATH", "").split(":") if path]
     ours = [path for path in prefixes if (Path(path) / "share" / NAME).is_dir()]
     home = variables.get("ROS_HOME") or str(Path.home() / ".ros")
@@ -59,9 +59,16 @@ def read_environment(variables: Mapping[str, str], python: str, middleware: str)
         prefixes=tuple(dict.fromkeys(ours)),
         logs=folder_at(variables.get("ROS_LOG_DIR") or f"{home}/log"),
         shared_memory=folder_at("/dev/shm") if Path("/dev/shm").is_dir() else None,
-        receive_buffer=int(rmem_max.read_text("ascii")) if rmem_max.is_file() else None,
+        receive_buffer=_receive_buffer(),
         missing_files=tuple(path for path in files if not path or not os.path.exists(path)),
     )
+
+
+def _receive_buffer() -> int | None:
+    """Maximum of a socket, in bytes; None if it can't be read."""
+    with suppress(OSError):
+        return int(Path("/proc/sys/net/core/rmem_max").read_text("ascii"))
+    return None
 
 
 def folder_at(path: str) -> Folder:
@@ -84,10 +91,9 @@ def check_environment(environment: Environment) -> Iterator[Finding]:
     yield from _security(environment)
     yield _logs(environment.logs)
     yield _shared_memory(environment.shared_memory)
-    if environment.receive_buffer is not None:
-        yield ok(
-            f"socket buffers of up to {environment.receive_buffer / 2**10:.0f} KiB (rmem_max)"
-        )
+    buffer = environment.receive_buffer
+    if buffer is not None:
+        yield ok(f"socket buffers of up to {buffer / 2**10:.0f} KiB (rmem_max)")
 
 
 def _distribution(name: str, wheels: bool) -> Finding:
@@ -115,12 +121,12 @@ def _mixed_paths(environment: Environment) -> Iterator[Finding]:
 
 
 def _domain(text: str) -> Finding:
+    safe = f"0 to {MAX_SAFE_DOMAIN}"
     if text and (not text.isascii() or not text.isdigit() or int(text) > MAX_DOMAIN):
-        remedy = f"set it to 0 to {MAX_SAFE_DOMAIN}, or unset it"
-        return error(f"ROS_DOMAIN_ID is {text!r}", remedy)
+        return error(f"ROS_DOMAIN_ID is {text!r}", f"set it to {safe}, or unset it")
     if text and int(text) > MAX_SAFE_DOMAIN:
-        remedy = f"use 0 to {MAX_SAFE_DOMAIN}, on all machines"
-        return warn(f"ROS_DOMAIN_ID is {text}: its ports may be taken by other programs", remedy)
+        problem = f"ROS_DOMAIN_ID is {text}: its ports may be taken by other programs"
+        return warn(problem, f"use {safe}, on all machines")
     return ok(f"ROS_DOMAIN_ID {text or '0 (not set)'}; it must be the same on all machines")
 
 
@@ -154,12 +160,13 @@ def _security(environment: Environment) -> Iterator[Finding]:
     for path in environment.missing_files:
         name = path or "ROS_SECURITY_KEYSTORE"
         yield error(f"a file named in the environment is missing: {name}", remedy)
-    if environment.variables.get("ROS_SECURITY_ENABLE") == "true":
-        if environment.variables.get("ROS_SECURITY_STRATEGY") == "Enforce":
-            yield ok("DDS security is on, and enforced")
-        else:
-            text = "DDS security is on, but a node without keys starts unsecured"
-            yield warn(text, "export ROS_SECURITY_STRATEGY=Enforce")
+    if environment.variables.get("ROS_SECURITY_ENABLE") != "true":
+        return
+    if environment.variables.get("ROS_SECURITY_STRATEGY") == "Enforce":
+        yield ok("DDS security is on, and enforced")
+    else:
+        text = "DDS security is on, but a node without keys starts unsecured"
+        yield warn(text, "export ROS_SECURITY_STRATEGY=Enforce")
 
 
 def _logs(logs: Folder) -> Finding:

@@ -1,6 +1,5 @@
 """The result of a check."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 OK, WARN, ERROR = "ok", "warn", "error"
@@ -28,8 +27,3 @@ def warn(text: str, remedy: str) -> Finding:
 def error(text: str, remedy: str) -> Finding:
     """A fact that prevents correct operation."""
     return Finding(ERROR, text, remedy)
-
-
-def failed(findings: Iterable[Finding]) -> bool:
-    """Whether any finding is an error."""
-    return any(finding.level == ERROR for finding in findings)

@@ -12,10 +12,8 @@ from ellipseg_ros.io.topics import CLOUD, SEGMENTED_POINTS
 def check_graph(graph: GraphSnapshot, receive_buffer: int | None = None) -> Iterator[Finding]:
     """Findings about a graph; receive_buffer: maximum of a socket, in bytes."""
     if not graph.nodes:
-        settings = "ROS_DOMAIN_ID, discovery range, middleware and firewall"
-        yield warn(
-            "there is no other node", f"start a node, or compare {settings} of all machines"
-        )
+        settings = "ROS_DOMAIN_ID, discovery range, middleware and firewall of all machines"
+        yield warn("there is no other node", f"start a node, or compare {settings}")
     yield from _publishers(graph)
     yield from _mismatches(graph.topic)
     if graph.topic.publishers:
@@ -66,10 +64,9 @@ def _segmenters(graph: GraphSnapshot) -> Iterator[Finding]:
     namespaces = Counter(segmenter.node.rpartition("/")[0] for segmenter in graph.segmenters)
     for namespace, count in namespaces.items():
         if count > 1:
-            text = (
-                f"{count} segmenters in the namespace {namespace or '/'} publish conflicting ids"
-            )
-            yield error(text, "give each a namespace: `-r __ns:=/front`")
+            where = f"{count} segmenters in the namespace {namespace or '/'}"
+            remedy = "give each a namespace: `-r __ns:=/front`"
+            yield error(f"{where} publish conflicting ids", remedy)
     if not graph.segmenters:
         remedy = f"ros2 run ellipseg_ros segmenter --ros-args -r points:={_cloud_topic(graph)}"
         yield warn(f"no segmenter runs in the namespace {graph.namespace}", remedy)

@@ -8,8 +8,9 @@ import multiprocessing
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
+from functools import partial
 from typing import NamedTuple
 
 from ellipseg_ros.errors import EllipsegError
@@ -77,44 +78,30 @@ def this_process() -> Iterator[Workers]:
 
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
-    """`count` processes of this machine, each on one core."""
-    pool = _Pool(count)
+    """`count` processes of this machine, each on one core; the pool is replaced when one dies."""
+    spawn = multiprocessing.get_context("spawn")
+    # Ctrl-C reaches every process of a terminal; this one alone handles it and ends the others.
+    ignore = (signal.SIGINT, signal.SIG_IGN)
+    new_pool = partial(futures.ProcessPoolExecutor, count, spawn, signal.signal, ignore)
+    pool = new_pool()
+
+    def submit(task: Task) -> "Future[Curves]":
+        nonlocal pool
+        try:
+            return pool.submit(run_single_threaded, task)
+        except BrokenExecutor:
+            pool.shutdown(cancel_futures=True)
+            pool = new_pool()
+            return pool.submit(run_single_threaded, task)
+
     try:
-        yield Workers(count, pool.submit)
+        yield Workers(count, submit)
     except BaseException:
         for child in multiprocessing.active_children():
             child.terminate()  # their results would come too late
         raise
     finally:
-        pool.close()
-
-
-class _Pool:
-    """A process pool that is replaced when one of its processes has died."""
-
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._executor = self._new()
-
-    def _new(self) -> Executor:
-        spawn = multiprocessing.get_context("spawn")
-        return futures.ProcessPoolExecutor(self._count, spawn, _ignore_interrupts)
-
-    def submit(self, task: Task) -> "Future[Curves]":
-        try:
-            return self._executor.submit(run_single_threaded, task)
-        except BrokenExecutor:
-            self.close()
-            self._executor = self._new()
-            return self._executor.submit(run_single_threaded, task)
-
-    def close(self) -> None:
-        self._executor.shutdown(cancel_futures=True)
-
-
-def _ignore_interrupts() -> None:
-    """Ignore Ctrl-C, which every process of a terminal gets: the first one ends the others."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -23,18 +23,6 @@ class WindowGraph:
     graph: Graph
     change: GraphChange  # all points as arrivals
 
-    @property
-    def members(self) -> int:
-        """The number of vertices: of points that are not isolated."""
-        return int(np.count_nonzero(self.change.member))
-
-    def singletons_aicc(self, config: Config) -> float:
-        """AICc of the model in which every vertex is a segment of its own."""
-        aicc = np.zeros(len(self.change.member))
-        vertices = np.flatnonzero(self.change.member)
-        segments_aicc(self.graph.moments, vertices, config.model.noise_variance, aicc)
-        return float(np.sum(aicc[vertices]))
-
 
 def window_graph(points: Array, config: Config, origin: Array | None = None) -> WindowGraph:
     """The graph of points (n, 3), m, as `segment` makes it; with the same arguments."""
@@ -66,8 +54,11 @@ def threshold_curve(window: WindowGraph, config: Config, thresholds: Array) -> C
                     aicc[row], bias[row], count[row] = merger.merge(at)
 
     for_parts([(k, k + 1) for k in range(helpers() + 1)], work)
-    singletons = window.singletons_aicc(config)
-    return Curve(config.criterion, window.members, singletons, ascending, aicc, bias, count)
+    vertices = np.flatnonzero(window.change.member)
+    own = np.zeros(len(window.change.member))  # AICc of every vertex as a segment of its own
+    segments_aicc(window.graph.moments, vertices, config.model.noise_variance, own)
+    singletons = float(np.sum(own[vertices]))
+    return Curve(config.criterion, len(vertices), singletons, ascending, aicc, bias, count)
 
 
 class ThresholdMerge:

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from ellipseg_ros.cli.main import run_program
 from ellipseg_ros.cli.options import SOURCES, add_parameter_options, add_source_options
-from ellipseg_ros.cli.report import print_status
+from ellipseg_ros.cli.report import compile_kernels, print_status
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.cli.tune_results import WINDOWS, CurveStore
 from ellipseg_ros.core.criteria import CRITERIA
 from ellipseg_ros.io.sources import SIMULATED, Source
-from ellipseg_ros.segmenter import warm_up
 from ellipseg_ros.tuning.search import Search
 from ellipseg_ros.tuning.tasks import Task
 from ellipseg_ros.tuning.tasks import run as tune
@@ -64,8 +63,7 @@ def _run(args: Namespace) -> int:
     folder = Path(args.output)
     for spec in sources:
         prepare(folder, spec, NAMES, (WINDOWS,))
-    print_status("compiling kernels, which takes longer the first time ...", args)
-    warm_up()
+    compile_kernels(args)
     study = Study(settings, search, folder, not args.no_pictures)
     with progress_steps(len(sources), "scenes", args) as begin:
         for spec, source in sources.items():
