@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 
@@ -72,13 +72,11 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
             return 0
         process.send_signal(signal.SIGINT)  # no effect if it has ended
         try:
-            return process.wait(SHUTDOWN_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            return process.wait()
-        except BaseException:  # a second Ctrl-C
-            process.kill()
-            raise
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(SHUTDOWN_TIMEOUT_S)
+        finally:  # also at a second Ctrl-C
+            process.kill()  # no effect if it has ended
+        return process.wait()
 
     def _watch(self, process: "subprocess.Popen[bytes]") -> None:
         code = process.wait()
@@ -90,14 +88,12 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
 def delayed_interrupts() -> Iterator[None]:
     """Delay SIGINT and SIGTERM to the end of the block, so that no half started child is lost."""
     received: list[int] = []
-    handlers = {
-        number: signal.signal(number, lambda which, _: received.append(which))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    signals = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(n, lambda number, _: received.append(number)) for n in signals]
     try:
         yield
     finally:
-        for number, handler in handlers.items():
+        for number, handler in zip(signals, handlers, strict=True):
             signal.signal(number, handler)
     if received:
         raise KeyboardInterrupt

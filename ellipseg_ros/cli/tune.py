@@ -28,7 +28,9 @@ def run(args: Namespace) -> int:
     require_plots(args)
     use_all = args.criterion == ALL
     options = vars(args) | ({"criterion": None} if use_all else {})
-    settings, search = read_settings(Namespace(**options)), _search(args)
+    settings = read_settings(Namespace(**options))
+    grid = {"lowest": args.lowest, "highest": args.highest, "count": args.count}
+    search = Search(**{name: value for name, value in grid.items() if value is not None})
     criteria = tuple(CRITERIA) if use_all else (settings.config.criterion,)
     for criterion in criteria:
         search.grid(criterion)  # reports an invalid range here, not in every window
@@ -45,12 +47,6 @@ def run(args: Namespace) -> int:
         raise EllipsegError(f"no window could be tuned: {'; '.join(tuning.problems[:3])}")
     tune_results.finish(folder, tuning, args)
     return 1 if tuning.problems else 0
-
-
-def _search(args: Namespace) -> Search:
-    """The thresholds to try, from the command line or by default."""
-    options = {"lowest": args.lowest, "highest": args.highest, "count": args.count}
-    return Search(**{name: value for name, value in options.items() if value is not None})
 
 
 def _run_all(

@@ -1,6 +1,7 @@
 """The result of a check."""
 
 from dataclasses import dataclass
+from functools import partial
 
 OK, WARN, ERROR = "ok", "warn", "error"
 
@@ -14,16 +15,6 @@ class Finding:
     remedy: str = ""
 
 
-def ok(text: str) -> Finding:
-    """A fact that is as it should be."""
-    return Finding(OK, text)
-
-
-def warn(text: str, remedy: str) -> Finding:
-    """A fact that may have unwanted effects."""
-    return Finding(WARN, text, remedy)
-
-
-def error(text: str, remedy: str) -> Finding:
-    """A fact that prevents correct operation."""
-    return Finding(ERROR, text, remedy)
+ok = partial(Finding, OK)  # a fact that is as it should be
+warn = partial(Finding, WARN)  # one that may have unwanted effects
+error = partial(Finding, ERROR)  # one that prevents correct operation

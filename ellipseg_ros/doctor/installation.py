@@ -43,7 +43,10 @@ def read_installation(ros_error: str) -> Installation:
     """Collect the facts; ros_error: why ROS or the messages do not load, "" if they do."""
     cache, kernels, numba_error = None, 0, ""
     try:
-        cache, kernels = _kernel_cache()
+        from ellipseg_ros.core.kernel_cache import cache_folder  # only here: numba may not load
+
+        cache = folder_at(cache_folder())
+        kernels = sum(1 for _ in Path(cache.path).rglob("*.nbc"))
     except Exception as problem:  # ImportError, or that of numba for a wrong version of numpy
         numba_error = f"{type(problem).__name__}: {' '.join(str(problem).split())}"
     optional = {name: name for names, _ in OPTIONAL.values() for name in names}
@@ -77,17 +80,6 @@ def _version_in(parent: Path) -> str:
     if not versions and description.is_file():  # a checkout
         versions = re.findall("<version>(.*?)</version>", description.read_text("utf-8"))
     return versions[0] if versions else ""
-
-
-def _kernel_cache() -> tuple[Folder, int]:
-    """The folder of compiled kernels, and their number."""
-    from numba import config  # only here: numba itself may fail to load
-
-    import ellipseg_ros.core.jit  # noqa: F401, it sets CACHE_DIR
-
-    folder = config.CACHE_DIR
-    count = sum(1 for _ in Path(folder).rglob("*.nbc")) if os.path.exists(folder) else 0
-    return folder_at(folder), count
 
 
 def check_installation(installation: Installation) -> Iterator[Finding]:

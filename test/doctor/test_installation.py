@@ -1,10 +1,12 @@
 """Findings about installations and environments."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from ellipseg_ros.core.kernel_cache import cache_folder
 from ellipseg_ros.doctor import installation
 from ellipseg_ros.doctor.environment import (
     Environment,
@@ -159,3 +161,18 @@ def test_folders_and_files_are_read(tmp_path: Path) -> None:
     assert environment.missing_files == (str(tmp_path / "missing.xml"),)
     assert not folder_at(str(tmp_path / "file" / "log")).writable
     assert folder_at(str(tmp_path / ("x" * 300))).writable  # a name that is too long
+
+
+def test_unreadable_receive_buffer_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(read_environment({}, "3.12", "rmw").receive_buffer, int)
+
+    def refuse(*_: object, **__: object) -> str:
+        raise PermissionError("rmem_max")
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    assert read_environment({}, "3.12", "rmw").receive_buffer is None
+
+
+def test_folder_of_compiled_kernels_is_that_of_the_kernels() -> None:
+    cache = installation.read_installation("").cache
+    assert cache is not None and cache.path == os.path.abspath(cache_folder())
