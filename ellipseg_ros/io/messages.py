@@ -126,7 +126,8 @@ def _times(ns: Array) -> Array:
 
 
 CONVERSIONS = {
-    "count": np.uint32,
+    **dict.fromkeys(("ids", "object_ids", "count"), np.uint32),
+    **dict.fromkeys(("state", "kind"), np.uint8),
     "axes": quaternions,
     "eigenvalues": np.sqrt,
     "first_seen_ns": _times,

@@ -88,7 +88,8 @@ def _start(
 @kernel
 def _link(groups):
     for pair in range(len(groups.left)):
-        for side, group in enumerate((groups.left[pair], groups.right[pair])):
+        for side in range(2):
+            group = groups.left[pair] if side == 0 else groups.right[pair]
             groups.following[2 * pair + side] = groups.first[group]
             groups.first[group] = 2 * pair + side
 
@@ -149,25 +150,27 @@ def union_thickness(moments, row_a, row_b, limit):
 @kernel
 def _merge_similar(groups, heap, count, merges, cost):
     """Merge all adjacent groups, the cheapest pair first; continues after `count` merges."""
-    for pair in range(len(groups.left)):
-        if groups.left[pair] != NONE:
-            _offer_similar(groups, pair, heap)
+    left, right, edge_count, following = (
+        groups.left,
+        groups.right,
+        groups.edge_count,
+        groups.following,
+    )
+    moments, features = groups.moments, groups.features
+    for pair in range(len(left)):
+        if left[pair] != NONE:
+            price = ward_cost(moments, features, left[pair], right[pair], edge_count[pair])
+            set_cost(heap, pair, price, (np.int64(left[pair]) << 32) + right[pair])
     while heap.size[0] > 0:
         cost[count] = heap.cost[0]
         link = _merge_first(groups, heap, merges, count)
         while link != NONE:
-            _offer_similar(groups, link >> 1, heap)
-            link = groups.following[link]
+            pair = link >> 1
+            price = ward_cost(moments, features, left[pair], right[pair], edge_count[pair])
+            set_cost(heap, pair, price, (np.int64(left[pair]) << 32) + right[pair])
+            link = following[link]
         count += 1
     return count
-
-
-@inlined
-def _offer_similar(groups, pair, heap):
-    """Put a pair into the heap, or move it to where its cost belongs."""
-    a, b = groups.left[pair], groups.right[pair]
-    price = ward_cost(groups.moments, groups.features, a, b, groups.edge_count[pair])
-    set_cost(heap, pair, price, (np.int64(a) << 32) + b)
 
 
 @kernel
@@ -200,8 +203,12 @@ def _merge_first(groups, heap, merges, count):
 @inlined
 def _join_lists(groups, a, b, heap):
     """Give group a the pairs of both, pairs with the same group united; returns its first link."""
-    left, right = groups.left, groups.right
-    following, pair_with = groups.following, groups.pair_with
+    left, right, following, pair_with = (
+        groups.left,
+        groups.right,
+        groups.following,
+        groups.pair_with,
+    )
     kept = NONE
     for group in (a, b):
         link = groups.first[group]
