@@ -2,10 +2,11 @@
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import nullcontext
 from pathlib import Path
 
-from ellipseg_ros.cli import report, results
+from ellipseg_ros.cli import results
+from ellipseg_ros.cli.report import Meter, compile_kernels, heading, print_status, progress_bar
 from ellipseg_ros.cli.settings import Settings, read_settings
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.config import Config
@@ -24,15 +25,15 @@ def run(args: Namespace) -> int:
     source = open_input(args.source, args)
     folder = Path(args.output or f"{source.name}_segmented")
     results.prepare(folder, args.source)
-    report.compile_kernels(args)
+    compile_kernels(args)
     meter = _segment(source, settings, folder, args)
-    summary = report.heading(args.source, source.frame_id, settings) | meter.summary()
+    summary = heading(args.source, source.frame_id, settings) | meter.summary()
     results.finish(folder, summary, meter.last, args)
     return 0
 
 
 def run_updates(
-    sweeps: Iterable[Sweep], config: Config, meter: report.Meter
+    sweeps: Iterable[Sweep], config: Config, meter: Meter
 ) -> Iterator[tuple[Sweep, Segmentation]]:
     """Yield the joined sweeps of every update with their result, timed by the meter."""
     segmenter = Segmenter(config)
@@ -43,32 +44,26 @@ def run_updates(
         yield group, result
 
 
-def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) -> report.Meter:
+def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) -> Meter:
     """Run all updates; write input and results to a bag unless there is --no-bag."""
-    meter = report.Meter()
-    with ExitStack() as stack:
-        bar = stack.enter_context(report.progress_bar(source.count, "clouds", args))
-        sink = None if args.no_bag else BagSink(folder / results.BAG, settings.node)
-        bag = stack.enter_context(sink) if sink else None
-        sweeps = _observed(source, settings.config, bag, bar, args)
-        for _, result in run_updates(sweeps, settings.config, meter):
+    meter, stamps, config = Meter(), StampMonitor(), settings.config
+    sink = nullcontext() if args.no_bag else BagSink(folder / results.BAG, settings.node)
+    with progress_bar(source.count, "clouds", args) as bar, sink as bag:
+
+        def observed() -> Iterator[Sweep]:
+            """Yield the sweeps; report unusual stamps of each, and write it to the bag."""
+            for sweep in source:
+                bar.update()
+                warning = stamps.check(sweep, config.window_duration, config.max_lateness)
+                if warning:
+                    print_status(warning, args)
+                if bag is not None:
+                    bag.write_points(sweep)
+                yield sweep
+
+        for _, result in run_updates(observed(), config, meter):
             if result.restart:
-                report.print_status(f"the window restarts: {result.restart}", args)
+                print_status(f"the window restarts: {result.restart}", args)
             if bag is not None:
                 bag.write_update(result)
     return meter
-
-
-def _observed(
-    source: Source, config: Config, bag: BagSink | None, bar: report.Progress, args: Namespace
-) -> Iterator[Sweep]:
-    """Yield the sweeps; report unusual stamps of each, and write it to the bag."""
-    stamps = StampMonitor()
-    for sweep in source:
-        bar.update()
-        warning = stamps.check(sweep, config.window_duration, config.max_lateness)
-        if warning:
-            report.print_status(warning, args)
-        if bag is not None:
-            bag.write_points(sweep)
-        yield sweep
