@@ -4,8 +4,9 @@ import os
 import sys
 from argparse import Namespace
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ellipseg_ros.cli import isolation, report, results
 from ellipseg_ros.cli.node_process import START_TIMEOUT_S, NodeProcess
@@ -36,8 +37,7 @@ Look at {folder}/segments.png and ellipsoids.png; replay {folder}/bag:
   RViz       ros2 bag play {folder}/bag, and rviz2 -d config/ellipseg.rviz"""
 
 
-@dataclass(frozen=True)
-class LiveRun:
+class LiveRun(NamedTuple):
     """The run of the node."""
 
     sent: ReplaySummary
@@ -107,9 +107,8 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
             recorder.stop(reason)
             replayer.stop()
 
-        report.print_status(
-            "starting the node, which compiles its kernels the first time ...", args
-        )
+        text = "starting the node, which compiles its kernels the first time ..."
+        report.print_status(text, args)
         node_args = [*namespace, "--params-file", str(parameters)]
         node = stack.enter_context(NodeProcess(node_args, folder / results.LOG, abort))
         node.start()

@@ -75,7 +75,7 @@ def copies(path: list[str]) -> dict[str, str]:
 
 
 def _version_in(parent: Path) -> str:
-    versions = [found.version for found in distributions(name=NAME, path=[str(parent)])]
+    versions = [copy.version for copy in distributions(name=NAME, path=[str(parent)])]
     description = parent / "package.xml"
     if not versions and description.is_file():  # a checkout
         versions = re.findall("<version>(.*?)</version>", description.read_text("utf-8"))

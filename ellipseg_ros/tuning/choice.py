@@ -38,7 +38,7 @@ def choose(curves: list[Curve], present: float) -> Choice:
     candidates = np.unique(np.concatenate([curve.threshold for curve in curves]))
     losses = np.array([curve.loss_at(candidates) for curve in curves])
     best = int(np.argmin(losses.mean(axis=0)))
-    now = np.array([curve.loss_at(np.array([present]))[0] for curve in curves])
+    at_present = np.array([curve.loss_at(np.array([present]))[0] for curve in curves])
     minima = np.array([curve.threshold[curve.best] for curve in curves])
     return Choice(
         criterion=curves[0].criterion,
@@ -47,8 +47,8 @@ def choose(curves: list[Curve], present: float) -> Choice:
         mean_loss=float(losses[:, best].mean()),
         worst_loss=float(losses[:, best].max()),
         present=present,
-        present_mean_loss=float(now.mean()),
-        present_worst_loss=float(now.max()),
+        present_mean_loss=float(at_present.mean()),
+        present_worst_loss=float(at_present.max()),
         lowest_minimum=float(minima.min()),
         median_minimum=float(np.median(minima)),
         highest_minimum=float(minima.max()),

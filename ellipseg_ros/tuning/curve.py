@@ -57,10 +57,8 @@ class Curve:
 
         Beyond the ends it is that at the end.
         """
-        wanted, known = (
-            np.log(np.maximum(x, MIN_THRESHOLD)) for x in (thresholds, self.threshold)
-        )
-        return np.interp(wanted, known, self.loss)
+        logs = [np.log(np.maximum(x, MIN_THRESHOLD)) for x in (thresholds, self.threshold)]
+        return np.interp(*logs, self.loss)
 
     def with_rows_of(self, other: "Curve") -> "Curve":
         """The curve joined with another one of the same window."""

@@ -58,12 +58,12 @@ def tune(
 def tune_window(window: WindowGraph, config: Config, search: Search) -> Curve:
     """Search as `tune` does, on a graph, which all criteria can share."""
     config = replace(config, threshold=config.tau)
-    found = threshold_curve(window, config, np.append(search.grid(config.criterion), config.tau))
+    result = threshold_curve(window, config, np.append(search.grid(config.criterion), config.tau))
     for _ in range(search.refinements):
-        low, high = max(found.best - 1, 0), min(found.best + 1, len(found.threshold) - 1)
-        finer = _between(found.threshold[low], found.threshold[high], search.finer)
-        found = found.with_rows_of(threshold_curve(window, config, finer))
-    return found
+        low, high = max(result.best - 1, 0), min(result.best + 1, len(result.threshold) - 1)
+        finer = _between(result.threshold[low], result.threshold[high], search.finer)
+        result = result.with_rows_of(threshold_curve(window, config, finer))
+    return result
 
 
 def _between(low: float, high: float, count: int) -> Array:
