@@ -117,13 +117,15 @@ soak: setup
 	@$(BIN)/python -m studies.endurance $(or $(ARGS),-o docs/results)
 
 # The same two runs under coverage.py; pyproject.toml says what is measured. Kernels count in the
-# run without the JIT.
+# run without the JIT. Left out: programs on a full disk, which cannot write what they measured.
 coverage: setup
 	@cache=$$(mktemp -d)
 	trap 'rm -rf "$$cache"' EXIT
 	rm -f .coverage .coverage.*
-	cov=(--cov --cov-append --cov-report=)
-	NUMBA_CACHE_DIR="$$cache" $(BIN)/python -m pytest -n 2 --dist loadscope "$${cov[@]}"
+	cov=(--cov --cov-append --cov-report= --cov-fail-under=0)
+	full_disks='test/studies/test_endurance_faults.py::test_the_requirements_hold[full_disks]'
+	NUMBA_CACHE_DIR="$$cache" $(BIN)/python -m pytest -n 2 --dist loadscope "$${cov[@]}" \
+	    --deselect "$$full_disks"
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadscope "$${cov[@]}" -m nojit
 	$(BIN)/coverage report --skip-covered --sort=cover
 
