@@ -198,15 +198,15 @@ def _mixture(problem: Problem, hypotheses: list[Hypothesis], odds: Array) -> Arr
     """Covariance about the best transform of all hypotheses, and of the prior for the rest."""
     total = (1.0 - odds.sum()) * np.diag(1.0 / problem.prior)
     for hypothesis, weight in zip(hypotheses, odds, strict=True):
-        apart = hypothesis.registration.motion - hypotheses[0].registration.motion
-        total += weight * (hypothesis.covariance + np.outer(apart, apart))
+        offset = hypothesis.registration.motion - hypotheses[0].registration.motion
+        total += weight * (hypothesis.covariance + np.outer(offset, offset))
     return total
 
 
 def _characteristic_length(problem: Problem) -> float:
     """RMS distance of the later landmarks from their centroid; at least 1 m."""
-    apart = problem.both.later.position - problem.both.centre
-    return max(1.0, math.sqrt((apart**2).sum() / max(1, len(apart))))
+    offset = problem.both.later.position - problem.both.centre
+    return max(1.0, math.sqrt((offset**2).sum() / max(1, len(offset))))
 
 
 def _undetermined(covariance: Array, length: float, known: float) -> Array:

@@ -98,9 +98,9 @@ def _check_covariance(covariance: Array) -> None:
     """Refuse matrices that are too large, not symmetric, or have negative eigenvalues."""
     _check_size("covariance", covariance, MAX_COVARIANCE)
     rounding = ROUNDING * np.abs(covariance).max(axis=(1, 2), initial=0.0)
-    apart = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(axis=(1, 2), initial=0.0)
+    asymmetry = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(axis=(1, 2), initial=0.0)
     smallest = np.linalg.eigvalsh(covariance).min(axis=1, initial=0.0)
-    if (apart > rounding).any() or (smallest < -rounding).any():
+    if (asymmetry > rounding).any() or (smallest < -rounding).any():
         raise InputError("covariance of a landmark is not symmetric, or below 0", "map")
 
 

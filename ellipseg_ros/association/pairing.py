@@ -104,15 +104,15 @@ def may_match(earlier, later, i, j, transform, tolerance):
     """
     far, wide, gap = tolerance
     far += earlier.error_bound[i, 0] + later.error_bound[j, 0]
-    apart = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
+    offset = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
     kind = earlier.kind[i]
     if kind == BLOB:
-        return dot(apart, apart) <= far * far
+        return dot(offset, offset) <= far * far
     axis = DIRECTION[kind]
     direction = column(earlier.axes[i], axis)
-    across = abs(dot(apart, direction))
+    across = abs(dot(offset, direction))
     if kind == LINE:
-        across = math.sqrt(max(0.0, dot(apart, apart) - across * across))
+        across = math.sqrt(max(0.0, dot(offset, offset) - across * across))
     # Means slide along what is not determined: there the error of the direction counts.
     size = earlier.box_half[i, 0] + earlier.box_half[i, 1]
     size = size + later.box_half[j, 0] + later.box_half[j, 1]
@@ -128,7 +128,7 @@ def may_match(earlier, later, i, j, transform, tolerance):
 @kernel
 def _boxes_overlap(earlier, later, i, j, transform, gap):
     """Whether the boxes overlap, but for a gap, along the axes that are not determined."""
-    apart = difference(
+    offset = difference(
         transformed(transform, row(later.box_centre, j)), row(earlier.box_centre, i)
     )
     axes, other = earlier.axes[i], later.axes[j]
@@ -138,7 +138,7 @@ def _boxes_overlap(earlier, later, i, j, transform, gap):
         for b in range(3):
             cosine = dot(axis, rotated(transform, column(other, b)))
             room += abs(cosine) * later.box_half[j, b]
-        if abs(dot(axis, apart)) > room:
+        if abs(dot(axis, offset)) > room:
             return False
     return True
 
@@ -213,8 +213,8 @@ def _add_covariance(earlier, i, later, j, transform, side, work):
     degrees = DEGREES[kind]
     first = side > 0.0
     covariance = earlier.covariance[i] if first else later.covariance[j]
-    apart = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
-    arm = 0.5 * side * apart[0], 0.5 * side * apart[1], 0.5 * side * apart[2]
+    offset = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
+    arm = 0.5 * side * offset[0], 0.5 * side * offset[1], 0.5 * side * offset[2]
     axes = earlier.axes[i] if first else later.axes[j]
     for b in range(3):
         axis = column(axes, b)

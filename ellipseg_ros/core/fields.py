@@ -64,6 +64,11 @@ def record_layout(fields: dict[str, tuple[np.dtype[Any], int]], itemsize: int) -
     )
 
 
+def layout_of(fields: Array | None) -> Layout:
+    """The layout of structured fields (n,); None where there are none."""
+    return None if fields is None else fields.dtype
+
+
 def clashing_field(one: Layout, other: Layout) -> str:
     """Name of a field whose counts differ between the layouts; empty if they can be joined."""
     if one is None or other is None or one == other:

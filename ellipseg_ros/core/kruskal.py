@@ -8,7 +8,7 @@ from ellipseg_ros.core.wakeup_heap import due, pop, push
 
 
 @kernel
-def kruskal(dendrogram, edges, rule, heap, min_active):  # split: 1.5 times as long
+def kruskal(dendrogram, edges, rule, heap, min_active):
     """Test the edges with at least `min_active` active ends; merge where D(a, b) <= threshold.
 
     heap: the cached subtrees by the edge at which they become active.

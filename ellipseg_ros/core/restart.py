@@ -7,6 +7,7 @@ from ellipseg_ros.core.fields import (
     Layout,
     clashing_field,
     joined_layout,
+    layout_of,
     too_wide,
 )
 from ellipseg_ros.records import SECOND, Sweep
@@ -49,7 +50,7 @@ class RestartRule:
 
 
 def _next_state(state: StreamState | None, sweep: Sweep) -> StreamState:
-    layout = None if sweep.fields is None else sweep.fields.dtype
+    layout = layout_of(sweep.fields)
     if state is None:
         return StreamState(sweep.stamp_ns, sweep.frame_id, layout)
     newest = max(state.newest_ns, sweep.stamp_ns)
@@ -59,7 +60,7 @@ def _next_state(state: StreamState | None, sweep: Sweep) -> StreamState:
 def _restart_reason(state: StreamState, sweep: Sweep, max_lateness_ns: int) -> str:
     if sweep.frame_id != state.frame_id:
         return f"the frame changed from {state.frame_id!r} to {sweep.frame_id!r}"
-    layout = None if sweep.fields is None else sweep.fields.dtype
+    layout = layout_of(sweep.fields)
     name = clashing_field(state.layout, layout)
     if name:
         return f"the count of field {name!r} changed"

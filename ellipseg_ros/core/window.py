@@ -6,15 +6,15 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
-from ellipseg_ros.core.fields import Layout, join_fields, joined_layout
+from ellipseg_ros.core.fields import Layout, join_fields, joined_layout, layout_of
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.records import REJECTED, SECOND, THINNED, Array, Sweep
 
 MAX_COORDINATE_M = 1e8  # beyond is no measurement (the Earth's radius is 6.4e6 m)
 MAX_WINDOW_BYTES = 2**30  # of the fields of a window: 2 million points of 512 bytes
 ACCEPTED = 0  # fate of a point that is neither REJECTED nor THINNED
-GOLDEN_RATIO_STEP = np.uint64(0x9E3779B97F4A7C15)  # 2^64 / golden ratio: its multiples are spread
-# evenly (Weyl sequence)
+# 2^64 / golden ratio: its multiples are spread evenly (Weyl sequence).
+GOLDEN_RATIO_STEP = np.uint64(0x9E3779B97F4A7C15)
 ORIGIN_SAMPLE = 1000  # points whose median gives the origin
 
 
@@ -129,8 +129,8 @@ class Window:
         """Points that may stay; 0: no limit."""
         if fields is None:
             return config.max_points
-        present = None if self.fields is None else self.fields.dtype
-        return max_window_points(config.max_points, joined_layout(present, fields.dtype))
+        layout = joined_layout(layout_of(self.fields), fields.dtype)
+        return max_window_points(config.max_points, layout)
 
     def _evict(self, expires: Array, times: Array, late: Array, limit: int) -> int:
         """Evict the oldest points where more than `limit` would stay; returns how many.

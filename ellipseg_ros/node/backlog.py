@@ -6,7 +6,7 @@ from threading import Condition
 from typing import TypeAlias
 
 from ellipseg_ros.config import Config, NodeConfig
-from ellipseg_ros.core.fields import Layout, join_sweeps, joined_layout
+from ellipseg_ros.core.fields import join_sweeps, joined_layout, layout_of
 from ellipseg_ros.core.window import max_window_points
 from ellipseg_ros.io.topics import Topic
 from ellipseg_ros.records import Sweep
@@ -55,8 +55,7 @@ class Batch:
 
     def __init__(self, update: Update) -> None:
         self._updates = deque([update])
-        fields = update.sweep.fields
-        self._layout: Layout = None if fields is None else fields.dtype
+        self._layout = layout_of(update.sweep.fields)
         self.restart = update.sweep.restart  # of the first group, which may have been evicted
         self.points = len(update.sweep)
 
