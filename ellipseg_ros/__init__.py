@@ -45,38 +45,22 @@ if TYPE_CHECKING:  # the same names for mypy and editors
 # The generated ellipseg_ros.msg is in the installed package: find it from a checkout, too.
 __path__ = extend_path(__path__, __name__)
 
-# Public name -> module of the package that defines it.
-_MODULES = {
-    "Association": "records",
-    "AssociationConfig": "config",
-    "Config": "config",
-    "ConfigError": "errors",
-    "EllipsegError": "errors",
-    "Ellipsoids": "records",
-    "InputError": "errors",
-    "Kind": "records",
-    "LandmarkMap": "association.landmark_map",
-    "Landmarks": "records",
-    "MapConfig": "config",
-    "Objects": "records",
-    "SegmentMirror": "io.segment_mirror",
-    "Segmentation": "records",
-    "Segmenter": "segmenter",
-    "State": "records",
-    "StoredMap": "association.landmark_map",
-    "Sweep": "records",
-    "Verdict": "records",
-    "associate": "association.associate",
-    "concatenate_landmarks": "association.landmark_map",
-    "no_landmarks": "association.landmark_map",
-    "open_source": "io.sources",
-    "pair_residual": "association.associate",
-    "read_map": "io.map_file",
-    "segment": "segmenter",
-    "select_landmarks": "association.landmark_map",
-    "tune": "tuning.search",
-    "write_map": "io.map_file",
+# Module of the package -> public names that it defines.
+_NAMES = {
+    "association.associate": "associate pair_residual",
+    "association.landmark_map": (
+        "LandmarkMap StoredMap concatenate_landmarks no_landmarks select_landmarks"
+    ),
+    "config": "AssociationConfig Config MapConfig",
+    "errors": "ConfigError EllipsegError InputError",
+    "io.map_file": "read_map write_map",
+    "io.segment_mirror": "SegmentMirror",
+    "io.sources": "open_source",
+    "records": "Association Ellipsoids Kind Landmarks Objects Segmentation State Sweep Verdict",
+    "segmenter": "Segmenter segment",
+    "tuning.search": "tune",
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = list(_MODULES)
 

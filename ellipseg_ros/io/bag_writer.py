@@ -1,7 +1,8 @@
 """A bag writer whose file is a complete bag after every flush, in case the process is killed."""
 
 import shutil
-from io import BufferedWriter, BytesIO
+from contextlib import suppress
+from io import BufferedWriter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, cast
@@ -13,23 +14,9 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.typesys.store import Typestore
 
 BAG_VERSION: Literal[9] = 9  # of the bag format: that of Jazzy
-MAX_PENDING_BYTES = 4 * 1024 * 1024  # buffered in memory
+MAX_PENDING_BYTES = 4 * 1024 * 1024  # after which the bag is flushed
+BUFFER_BYTES = 4 * MAX_PENDING_BYTES  # one message may exceed the limit
 MAX_INDEX_RATIO = 8  # bytes of index that are written per byte of messages
-
-
-class _PendingTail(BytesIO):
-    """The part of a file from `start` on, buffered in memory."""
-
-    def __init__(self, start: int) -> None:
-        super().__init__()
-        self.start = start
-
-    def tell(self) -> int:
-        """The position in the file."""
-        return self.start + super().tell()
-
-    def close(self) -> None:
-        """Ignored: the content is still to be written."""
 
 
 class _Storage(McapWriter):
@@ -37,35 +24,37 @@ class _Storage(McapWriter):
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
-        start = self.bio.tell()
-        self.bio.close()
-        self._buffer_from(start)
-        self.file = self.path.open("r+b", buffering=0)
         self.index_bytes = 0  # of the last index
         self.metadata = ""
+        end = self.bio.tell()
+        self.bio.close()
+        self._open_at(end)
 
     def close(self, version: int, metadata: str) -> None:
         """Write the pending content, then the index over the earlier one; may be repeated."""
         if self.chunk.bio.tell():
             self.close_chunk()
-        end = self.pending.tell()
+        end = self.bio.tell()
         self.metadata = metadata
         super().close(version, metadata)
-        data = self.pending.getbuffer()
-        self.file.seek(self.pending.start)
-        written = 0
-        while written < len(data):
-            written += self.file.write(data[written:])
-        self.index_bytes = self.pending.tell() - end
-        self._buffer_from(end)
+        self.index_bytes = self.path.stat().st_size - end
+        self._open_at(end)
 
-    def _buffer_from(self, start: int) -> None:
-        self.pending = _PendingTail(start)
-        self.bio = cast(BufferedWriter, self.pending)  # rosbags uses no other methods of it
+    def _open_at(self, end: int) -> None:
+        self.end = end  # of the content in the file
+        file = self.path.open("r+b", buffering=BUFFER_BYTES)
+        file.seek(end)
+        self.bio = cast(BufferedWriter, file)  # rosbags uses no other methods of it
+
+    @property
+    def pending_bytes(self) -> int:
+        """Bytes that are not yet in the file."""
+        return self.chunk.bio.tell() + self.bio.tell() - self.end
 
     def abort(self) -> None:
-        """Close the file without the pending content."""
-        self.file.close()
+        """Close the file without an index of the pending content."""
+        with suppress(OSError):  # a full disk
+            self.bio.close()
 
 
 class _Bag(Writer):
@@ -107,12 +96,12 @@ class BagWriter:
         """Write a serialized message."""
         self._writer.write(connection, time_ns, message)
         self._messages += 1
-        if self._pending_bytes >= MAX_PENDING_BYTES:
+        if self._storage.pending_bytes >= MAX_PENDING_BYTES:
             self.end_update()
 
     def end_update(self) -> None:
         """Flush, unless the pending content is small compared with the index of a long bag."""
-        if self._pending_bytes >= self._storage.index_bytes // MAX_INDEX_RATIO:
+        if self._storage.pending_bytes >= self._storage.index_bytes // MAX_INDEX_RATIO:
             self._flush()
 
     def close(self) -> None:
@@ -121,13 +110,8 @@ class BagWriter:
         self._storage.abort()
 
     def abort(self) -> None:
-        """Close the bag as of the last flush."""
+        """Close the file of a bag that is not needed."""
         self._storage.abort()
-
-    @property
-    def _pending_bytes(self) -> int:
-        """Bytes that are not yet in the file."""
-        return self._storage.chunk.bio.tell() + len(self._storage.pending.getbuffer())
 
     def _flush(self) -> None:
         """Complete the file; metadata.yaml, which is slow to write, only after a tenth more."""

@@ -15,7 +15,8 @@ NAMESPACE = "ellipsoids"
 MIN_AXIS_M = 1e-3  # m: shortest axis of a marker: RViz rejects a scale of 0
 OPACITY = 0.7
 LIFETIME_S = 10  # s, of the viewer's clock
-REPEAT_NS = 5 * SECOND  # ns, sensor time within which every marker is sent again
+REPEAT_NS = 4 * SECOND  # ns of sensor time after which a marker is sent again
+NO_UPDATE = -2  # a sequence number that precedes no other
 # Types of the fields of a Marker after `lifetime`, all empty: frame_locked, points, colors,
 # texture_resource, texture (stamp, frame_id, format, data), uv_coordinates, text, mesh_resource,
 # mesh_file (filename, data), mesh_use_embedded_materials.
@@ -69,6 +70,11 @@ def _write_objects(out: Cdr, segmentation: Segmentation, selection: Array | None
     members = _segment_ids(objects.members, segmentation.ids)
     tail = sequences(_rows(members, order), _rows(objects.parents, order))
     out.records(_columns(objects, names, order), tail)
+
+
+def id_pairs(segmentation: Segmentation) -> Array:
+    """(s,) uint64: the object id of every segment in the upper 32 bits, its own in the lower."""
+    return segmentation.object_ids.astype(np.uint64) << 32 | segmentation.ids
 
 
 def _ascending(ids: Array, selection: Array | None) -> Array:
@@ -158,25 +164,22 @@ def write_landmarks(segmentation: Segmentation, landmarks: Landmarks) -> bytes:
 class MarkerStream:
     """MarkerArray messages that keep the ellipsoids in a viewer up to date.
 
-    An update sends changed markers immediately and repeats the others within 5 s of sensor time,
-    a few at a time, so that a lost message has no lasting effect. Markers of removed segments
-    are deleted. The first message and one after a restart delete all markers first: a viewer may
+    An update sends changed markers immediately and repeats the others every 4 s of sensor time, a
+    few at a time, so that a lost message has no lasting effect. Markers of removed segments are
+    deleted. The first message and one after a restart delete all markers first: a viewer may
     still show those of a killed node.
     """
 
     def __init__(self, config: NodeConfig) -> None:
         self._config = config
-        self._shown = np.zeros(0, np.uint32)  # ids of the viewer's markers, ascending
-        self._objects = np.zeros(0, np.uint32)  # object id of each
-        self._sent = np.zeros(0, np.int64)  # ns: when each was sent last
-        self._sequence = -1  # of the last update
+        self._shown: Array | None = None  # id_pairs of the viewer's markers; None: not known
+        self._sequence = NO_UPDATE  # of the last update; NO_UPDATE: the next sends all markers
         self._end_ns = 0  # its end
-        self._send_all = True
-        self._first = True  # nothing was sent yet
 
     def configure(self, config: NodeConfig) -> None:
         """Apply new settings; if they differ, the next update sends all markers."""
-        self._send_all = self._send_all or config != self._config
+        if config != self._config:
+            self._sequence = NO_UPDATE
         self._config = config
 
     def update(
@@ -187,44 +190,26 @@ class MarkerStream:
         send_all: send all markers, not only the changed ones; a gap in the sequence of updates
         has the same effect. delete_all: send all, after a deletion of all markers.
         """
-        delete_all = delete_all or self._first or bool(segmentation.restart)
+        shown = self._shown
+        if shown is None or delete_all or segmentation.restart:
+            shown, delete_all = np.zeros(0, np.uint64), True
         order = np.argsort(segmentation.ids)
         rows = order[segmentation.ellipsoids.count[order] >= self._config.marker_min_count]
-        ids = segmentation.ids[rows]
-        if send_all or delete_all or self._send_all or segmentation.sequence != self._sequence + 1:
-            send = np.ones(len(rows), bool)
-        else:
-            send = segmentation.state[rows] != State.UNCHANGED
-            send |= self._due(ids, segmentation.end_ns)
-            if self._config.marker_colour == "object":
-                send |= self._lookup(self._objects, ids, 0) != segmentation.object_ids[rows]
-        removed = np.setdiff1d(np.zeros(0, np.uint32) if delete_all else self._shown, ids, True)
-        self._sent = np.where(send, segmentation.end_ns, self._last_sent(ids))
-        self._objects = segmentation.object_ids[rows]
-        self._shown, self._sequence, self._end_ns = ids, segmentation.sequence, segmentation.end_ns
-        self._send_all = self._first = False
+        ids, pairs = segmentation.ids[rows], id_pairs(segmentation)[rows]
+        is_next = segmentation.sequence == self._sequence + 1
+        send = np.full(len(rows), send_all or delete_all or not is_next)
+        send |= (segmentation.state[rows] != State.UNCHANGED) | ~np.isin(pairs, shown)
+        send |= self._repeated(ids, segmentation.end_ns)
+        removed = np.setdiff1d(shown.astype(np.uint32), ids, True)
+        self._shown, self._sequence = pairs, segmentation.sequence
+        self._end_ns = segmentation.end_ns
         return self._write(segmentation, rows[send], removed, delete_all)
 
-    def _due(self, ids: Array, end_ns: int) -> Array:
-        """(s,) bool: the markers whose repetition can't wait for the next update.
-
-        A marker is repeated after 2.5 to 5 s, a pseudo-random interval each time, so that the
-        repetitions stay spread over the updates.
-        """
-        last = self._last_sent(ids)
-        fraction = (ids + last // 10**8 % 10**6) * GOLDEN % 1.0
-        step = end_ns - self._end_ns
-        return np.asarray(end_ns + step - last > REPEAT_NS * (0.5 + 0.5 * fraction))
-
-    def _last_sent(self, ids: Array) -> Array:
-        """(s,) int64 ns; a time in the distant past for a marker that was never sent."""
-        return self._lookup(self._sent, ids, -(2**62))
-
-    def _lookup(self, column: Array, ids: Array, default: int) -> Array:
-        """(s,) entries of a column of the shown markers by id; `default` for other ids."""
-        place = np.searchsorted(self._shown, ids)
-        known = np.append(self._shown, 0)[place] == ids
-        return np.where(known, np.append(column, 0)[place], np.int64(default))
+    def _repeated(self, ids: Array, end_ns: int) -> Array:
+        """(s,) bool: the markers to send again, which differ in phase by their ids."""
+        phase = ids * GOLDEN % 1.0
+        now, before = end_ns / REPEAT_NS, self._end_ns / REPEAT_NS
+        return np.asarray(np.floor(now + phase) != np.floor(before + phase))
 
     def _write(
         self, segmentation: Segmentation, rows: Array, removed: Array, delete_all: bool

@@ -3,12 +3,8 @@
 import numpy as np
 
 from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.io.messages import Selection, write_segments
+from ellipseg_ros.io.messages import NO_UPDATE, Selection, id_pairs, write_segments
 from ellipseg_ros.records import SECOND, Array, Segmentation, State
-
-LOW_MASK = np.uint64(0xFFFFFFFF)
-HIGH_SHIFT = np.uint64(32)
-NO_UPDATE = -2  # a sequence number that precedes no other
 
 
 class SegmentStream:
@@ -40,8 +36,7 @@ class SegmentStream:
 
     def update(self, segmentation: Segmentation) -> bytes:
         """Serialize an ellipseg_ros/SegmentArray."""
-        pairs = segmentation.object_ids.astype(np.uint64) << HIGH_SHIFT | segmentation.ids
-        pairs = np.sort(pairs)
+        pairs = np.sort(id_pairs(segmentation))
         selection = None
         if not self._is_full(segmentation):
             selection = _changes(segmentation, np.setxor1d(self._pairs, pairs, True))
@@ -60,9 +55,9 @@ class SegmentStream:
 def _changes(segmentation: Segmentation, pairs: Array) -> Selection:
     """Select what has changed; pairs: of object and segment, that only one of the updates has."""
     changed = segmentation.state != State.UNCHANGED
-    segments = changed | np.isin(segmentation.ids, pairs & LOW_MASK)
+    segments = changed | np.isin(segmentation.ids, pairs.astype(np.uint32))
     objects = segmentation.objects
     if objects is None:
         return Selection(segments, np.zeros(0, bool))
-    regrouped = np.isin(objects.ids, pairs >> HIGH_SHIFT)
+    regrouped = np.isin(objects.ids, pairs >> 32)
     return Selection(segments, (objects.state != State.UNCHANGED) | regrouped)
