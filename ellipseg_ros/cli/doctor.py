@@ -10,10 +10,10 @@ from itertools import chain
 
 from ellipseg_ros.cli.report import compile_kernels, print_status
 from ellipseg_ros.doctor.clouds import check_speed
-from ellipseg_ros.doctor.environment import check_environment, read_environment
+from ellipseg_ros.doctor.environment import check_environment, receive_buffer
 from ellipseg_ros.doctor.findings import ERROR, Finding, error
 from ellipseg_ros.doctor.graph import check_graph
-from ellipseg_ros.doctor.installation import check_installation, read_installation
+from ellipseg_ros.doctor.installation import check_installation, is_interpreted, numba_error
 from ellipseg_ros.doctor.snapshot import GraphSnapshot
 from ellipseg_ros.errors import EllipsegError
 
@@ -29,11 +29,10 @@ def run(args: Namespace) -> int:
         limits = f"above 0, at most {MAX_SECONDS:g}"
         raise EllipsegError(f"--seconds is {args.seconds:g}; it must be {limits}")
     middleware, ros_error = _import_ros()
-    installation = read_installation(ros_error)
-    python = ".".join(map(str, installation.python))
-    environment = read_environment(os.environ, python, middleware)
-    findings: Findings = {"installation": list(check_installation(installation))}
-    findings["environment"] = list(check_environment(environment))
+    findings: Findings = {
+        "installation": list(check_installation(ros_error)),
+        "environment": list(check_environment(os.environ, middleware)),
+    }
     graph: GraphSnapshot | None = None
     if not (args.offline or ros_error or not middleware):
         print_status(f"observing the graph for {args.seconds:g} s ...", args)
@@ -42,11 +41,11 @@ def run(args: Namespace) -> int:
 
             with GraphProbe(args.topic, args.namespace) as probe:
                 graph = probe.probe(args.seconds)
-            findings["graph"] = list(check_graph(graph, environment.receive_buffer))
+            findings["graph"] = list(check_graph(graph, receive_buffer()))
         except EllipsegError as problem:
             remedy = "correct the errors above, or the names given"
             findings["graph"] = [error(str(problem), remedy)]
-    if not (args.no_speed or installation.interpreted or installation.numba_error):
+    if not (args.no_speed or is_interpreted() or numba_error()):
         findings["speed"] = [_speed(graph, args)]
     show(findings, args)
     return int(any(finding.level == ERROR for finding in chain(*findings.values())))

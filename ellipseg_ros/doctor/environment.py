@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,9 @@ MAX_DOMAIN = 232  # a domain takes 250 ports, from 7400 on
 MAX_SAFE_DOMAIN = 101  # Linux may assign the ports of higher domains to any program
 DISCOVERY_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 MIN_SHARED_MEMORY_BYTES = 32 * 2**20  # free; a Docker container has 64 MiB in all
-MIN_LOG_BYTES = 100 * 2**20  # free
+MIN_STORAGE_BYTES = 200 * 2**20  # free, for logs or compiled kernels
+SHARED_MEMORY = "/dev/shm"
+RECEIVE_BUFFER = Path("/proc/sys/net/core/rmem_max")
 XML = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
@@ -28,46 +31,10 @@ class Folder:
     free: int  # bytes
 
 
-@dataclass(frozen=True)
-class Environment:
-    """The facts that `check_environment` is about."""
-
-    variables: Mapping[str, str]
-    python: str  # "3.12"
-    middleware: str  # loaded by ROS; "" if it could not be
-    wheels: bool  # ROS comes from PyPI
-    prefixes: tuple[str, ...]  # of AMENT_PREFIX_PATH, that contain this package
-    logs: Folder
-    shared_memory: Folder | None  # None: there is none
-    receive_buffer: int | None  # bytes, maximum of a socket; None: not known
-    missing_files: tuple[str, ...] = ()  # named by variables
-
-
-def read_environment(variables: Mapping[str, str], python: str, middleware: str) -> Environment:
-    """Collect the facts; python: version of this interpreter, middleware: loaded by ROS."""
-    prefixes = [path for path in variables.get("AMENT_PREFIX_PATH", "").split(":") if path]
-    ours = [path for path in prefixes if (Path(path) / "share" / NAME).is_dir()]
-    home = variables.get("ROS_HOME") or str(Path.home() / ".ros")
-    files = [variables[name] for name in XML if variables.get(name)]
-    if variables.get("ROS_SECURITY_ENABLE") == "true":
-        files.append(variables.get("ROS_SECURITY_KEYSTORE", ""))
-    return Environment(
-        variables=variables,
-        python=python,
-        middleware=middleware,
-        wheels="_ROS_WHEELS_BOOTSTRAP_COMPLETE" in variables,
-        prefixes=tuple(dict.fromkeys(ours)),
-        logs=folder_at(variables.get("ROS_LOG_DIR") or f"{home}/log"),
-        shared_memory=folder_at("/dev/shm") if Path("/dev/shm").is_dir() else None,
-        receive_buffer=_receive_buffer(),
-        missing_files=tuple(path for path in files if not path or not os.path.exists(path)),
-    )
-
-
-def _receive_buffer() -> int | None:
+def receive_buffer() -> int | None:
     """Maximum of a socket, in bytes; None if it can't be read."""
     with suppress(OSError):
-        return int(Path("/proc/sys/net/core/rmem_max").read_text("ascii"))
+        return int(RECEIVE_BUFFER.read_text("ascii"))
     return None
 
 
@@ -80,18 +47,37 @@ def folder_at(path: str) -> Folder:
     return Folder(str(whole), writable, disk.f_bavail * disk.f_frsize)
 
 
-def check_environment(environment: Environment) -> Iterator[Finding]:
-    """Findings about an environment."""
-    variables = environment.variables
-    yield _distribution(variables.get("ROS_DISTRO", ""), environment.wheels)
-    yield from _mixed_paths(environment)
+def check_storage(
+    content: str, folder: Folder, variable: str, level: Callable[[str, str], Finding], effect: str
+) -> Finding:
+    """Finding about the folder of some content, which a variable sets.
+
+    level, effect: of a folder that is not writable.
+    """
+    if not folder.writable:
+        text = f"{content} can't be stored in {folder.path}: {effect}"
+        return level(text, f"set {variable} to a writable folder")
+    if folder.free < MIN_STORAGE_BYTES:
+        text = f"{folder.free / 2**20:.0f} MiB left for {content} in {folder.path}"
+        return warn(text, f"make room, or set {variable} to a folder on another disk")
+    return ok(f"{content} in {folder.path}")
+
+
+def check_environment(variables: Mapping[str, str], middleware: str) -> Iterator[Finding]:
+    """Findings about an environment; middleware: loaded by ROS, "" if it could not be."""
+    wheels = "_ROS_WHEELS_BOOTSTRAP_COMPLETE" in variables
+    yield _distribution(variables.get("ROS_DISTRO", ""), wheels)
+    yield from _mixed_paths(variables)
     yield _domain(variables.get("ROS_DOMAIN_ID", "").strip())
     yield _discovery(variables)
-    yield _middleware(variables.get("RMW_IMPLEMENTATION", ""), environment.middleware)
-    yield from _security(environment)
-    yield _logs(environment.logs)
-    yield _shared_memory(environment.shared_memory)
-    buffer = environment.receive_buffer
+    yield _middleware(variables.get("RMW_IMPLEMENTATION", ""), middleware)
+    yield from _security(variables)
+    logs = folder_at(
+        variables.get("ROS_LOG_DIR") or f"{variables.get('ROS_HOME') or '~/.ros'}/log"
+    )
+    yield check_storage("logs", logs, "ROS_LOG_DIR", error, "no node starts")
+    yield _shared_memory()
+    buffer = receive_buffer()
     if buffer is not None:
         yield ok(f"socket buffers of up to {buffer / 2**10:.0f} KiB (rmem_max)")
 
@@ -107,17 +93,18 @@ def _distribution(name: str, wheels: bool) -> Finding:
     return ok("ROS from PyPI" if wheels else f"ROS {name or '(ROS_DISTRO not set)'}")
 
 
-def _mixed_paths(environment: Environment) -> Iterator[Finding]:
-    prefixes = environment.prefixes
-    if len(prefixes) > 1:
-        text = f"AMENT_PREFIX_PATH has {NAME} {len(prefixes)} times: {', '.join(prefixes)}"
+def _mixed_paths(variables: Mapping[str, str]) -> Iterator[Finding]:
+    prefixes = dict.fromkeys(variables.get("AMENT_PREFIX_PATH", "").split(":"))
+    ours = [path for path in prefixes if path and (Path(path) / "share" / NAME).is_dir()]
+    if len(ours) > 1:
+        text = f"AMENT_PREFIX_PATH has {NAME} {len(ours)} times: {', '.join(ours)}"
         yield warn(f"{text}; the first is used", "open a new shell and source only one workspace")
-    path = environment.variables.get("PYTHONPATH", "")
-    versions = sorted(set(re.findall(r"python(3\.\d+)", path)) - {environment.python})
+    python = f"3.{sys.version_info.minor}"
+    versions = set(re.findall(r"python(3\.\d+)", variables.get("PYTHONPATH", ""))) - {python}
     if versions:
-        text = f"PYTHONPATH has packages of Python {', '.join(versions)}"
+        text = f"PYTHONPATH has packages of Python {', '.join(sorted(versions))}"
         remedy = "use the Python that ROS was built for, or unset PYTHONPATH"
-        yield error(f"{text}; this is {environment.python}", remedy)
+        yield error(f"{text}; this is {python}", remedy)
 
 
 def _domain(text: str) -> Finding:
@@ -155,32 +142,26 @@ def _middleware(requested: str, loaded: str) -> Finding:
     return ok(f"middleware {loaded}; it should be the same on all machines")
 
 
-def _security(environment: Environment) -> Iterator[Finding]:
+def _security(variables: Mapping[str, str]) -> Iterator[Finding]:
+    secure = variables.get("ROS_SECURITY_ENABLE") == "true"
+    files = [variables[name] for name in XML if variables.get(name)]
+    if secure:
+        files.append(variables.get("ROS_SECURITY_KEYSTORE", ""))
     remedy = f"correct {', '.join(XML)}, ROS_SECURITY_ENABLE and ROS_SECURITY_KEYSTORE"
-    for path in environment.missing_files:
-        name = path or "ROS_SECURITY_KEYSTORE"
-        yield error(f"a file named in the environment is missing: {name}", remedy)
-    if environment.variables.get("ROS_SECURITY_ENABLE") != "true":
-        return
-    if environment.variables.get("ROS_SECURITY_STRATEGY") == "Enforce":
+    for path in files:
+        if not path or not os.path.exists(path):
+            name = path or "ROS_SECURITY_KEYSTORE"
+            yield error(f"a file named in the environment is missing: {name}", remedy)
+    if secure and variables.get("ROS_SECURITY_STRATEGY") == "Enforce":
         yield ok("DDS security is on, and enforced")
-    else:
+    elif secure:
         text = "DDS security is on, but a node without keys starts unsecured"
         yield warn(text, "export ROS_SECURITY_STRATEGY=Enforce")
 
 
-def _logs(logs: Folder) -> Finding:
-    if not logs.writable:
-        text = f"logs can't be written to {logs.path}, so that no node starts"
-        return error(text, "set ROS_LOG_DIR to a writable folder")
-    if logs.free < MIN_LOG_BYTES:
-        text = f"{logs.free / 2**20:.0f} MiB left for logs in {logs.path}"
-        return warn(text, "remove old logs, or set ROS_LOG_DIR to a folder on another disk")
-    return ok(f"logs in {logs.path}")
-
-
-def _shared_memory(memory: Folder | None) -> Finding:
-    if memory is None or not memory.writable:
+def _shared_memory() -> Finding:
+    memory = folder_at(SHARED_MEMORY)
+    if not (Path(SHARED_MEMORY).is_dir() and memory.writable):
         text = "no shared memory (/dev/shm): clouds go through sockets, which is slower"
         return warn(text, "mount a tmpfs at /dev/shm")
     text = f"{memory.free / 2**20:.0f} MiB of shared memory left (/dev/shm)"

@@ -25,7 +25,7 @@ def test_exit_code_and_lines(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(doctor, "check_installation", lambda _: iter(findings))
-    monkeypatch.setattr(doctor, "check_environment", lambda _: iter(()))
+    monkeypatch.setattr(doctor, "check_environment", lambda *_: iter(()))
     words = ["doctor", "--offline", "--no-speed"]
     assert main(words) == code
     output = capsys.readouterr().out

@@ -1,45 +1,27 @@
 """Findings about installations and environments."""
 
 import os
-from dataclasses import replace
+import sys
 from pathlib import Path
 
 import pytest
 
 from ellipseg_ros.core.kernel_cache import cache_folder
-from ellipseg_ros.doctor import installation
-from ellipseg_ros.doctor.environment import (
-    Environment,
-    Folder,
-    check_environment,
-    folder_at,
-    read_environment,
+from ellipseg_ros.doctor import environment, installation
+from ellipseg_ros.doctor.environment import Folder, check_environment, check_storage, folder_at
+from ellipseg_ros.doctor.findings import ERROR, OK, WARN, Finding, warn
+from ellipseg_ros.doctor.installation import (
+    check_copies,
+    check_cores,
+    check_installation,
+    check_kernels,
+    check_packages,
+    check_python,
 )
-from ellipseg_ros.doctor.findings import ERROR, OK, WARN, Finding
-from ellipseg_ros.doctor.installation import Installation, check_installation
 
 OPTIONAL = [name for modules, _ in installation.OPTIONAL.values() for name in modules]
 PACKAGES = dict.fromkeys((*installation.REQUIRED, *OPTIONAL), "1.0")
-CACHE = Folder("/cache", writable=True, free=2**33)
-GOOD_INSTALLATION = Installation(
-    python=(3, 12),
-    versions=PACKAGES,
-    copies={"/ws/ellipseg_ros": "0.1.0"},
-    cores=4,
-    interpreted=False,
-    cache=CACHE,
-    kernels=90,
-)
-GOOD_ENVIRONMENT = Environment(
-    variables={"ROS_DISTRO": "jazzy"},
-    python="3.12",
-    middleware="rmw_fastrtps_cpp",
-    wheels=False,
-    prefixes=("/ws/install/ellipseg_ros",),
-    logs=Folder("/home/me/.ros/log", True, 2**33),
-    shared_memory=Folder("/dev/shm", True, 2**30),
-    receive_buffer=212_992,
-)
+MIDDLEWARE = "rmw_fastrtps_cpp"
 
 
 def problems(findings: list[Finding]) -> list[tuple[str, str]]:
@@ -52,35 +34,75 @@ def without(module: str) -> dict[str, str]:
     return {name: version for name, version in PACKAGES.items() if name != module}
 
 
-def test_good_installation_has_no_problems() -> None:
-    assert problems(list(check_installation(GOOD_INSTALLATION))) == []
+@pytest.mark.parametrize(
+    ("findings", "level", "text"),
+    [
+        ([check_python((3, 12))], OK, "3.12"),
+        ([check_python((3, 9))], ERROR, "Python 3.9"),
+        ([check_python((3, 14))], ERROR, "Python 3.14"),
+        (check_packages(PACKAGES), OK, "numba 1.0"),
+        (check_packages({**PACKAGES, "rosbags": ""}), OK, "rosbags,"),
+        (check_packages(without("yaml")), ERROR, "PyYAML"),
+        (check_packages(without("laspy")), WARN, "laspy"),
+        (check_packages(without("matplotlib")), WARN, "matplotlib"),
+        ([check_copies({"/ws/ellipseg_ros": "0.1.0"})], OK, "0.1.0"),
+        ([check_copies({"/a": "0.1.0", "/b": "0.1.0"})], WARN, "2 copies"),
+        ([check_copies({"/a": "0.1.0", "/b": "0.2.0"})], ERROR, "2 copies"),
+        ([check_cores(1)], WARN, "one core"),
+        ([check_cores(2)], OK, "2 cores"),
+    ],
+)
+def test_finding_about_an_installation(findings: list[Finding], level: str, text: str) -> None:
+    found = list(findings)
+    assert [found_level for found_level, _ in problems(found)] == ([level] if level != OK else [])
+    assert any(text in finding.text for finding in found if finding.level == level)
+
+
+def test_ros_that_does_not_load_is_an_error() -> None:
+    assert (ERROR, "messages do not load: X") in problems(
+        list(check_installation("messages do not load: X"))
+    )
+
+
+def test_numba_that_does_not_load_is_the_only_finding_about_kernels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(name: str) -> None:
+        raise ImportError("Numba needs NumPy 2.3\nor less")
+
+    monkeypatch.setattr(installation, "import_module", refuse)
+    (finding,) = check_kernels()
+    assert finding.level == ERROR
+    assert finding.text == "numba does not load: ImportError: Numba needs NumPy 2.3 or less"
+
+
+def test_kernels_are_counted_in_the_folder_where_numba_stores_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+    storage = next(check_kernels())
+    assert os.path.abspath(cache_folder()) in storage.text
+    monkeypatch.setattr("ellipseg_ros.core.kernel_cache.cache_folder", lambda: str(tmp_path))
+    assert [finding.level for finding in check_kernels()] == [OK, WARN]
+    (tmp_path / "core").mkdir()
+    (tmp_path / "core" / "kernel.1.nbc").touch()
+    assert [finding.text for finding in check_kernels()][1] == "1 compiled kernels"
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert next(check_kernels()).level == ERROR
 
 
 @pytest.mark.parametrize(
-    ("changes", "level", "text"),
+    ("folder", "text"),
     [
-        ({"python": (3, 9)}, ERROR, "Python 3.9"),
-        ({"python": (3, 14)}, ERROR, "Python 3.14"),
-        ({"versions": {**PACKAGES, "rosbags": ""}}, OK, ""),
-        ({"versions": without("yaml")}, ERROR, "PyYAML"),
-        ({"versions": without("laspy")}, WARN, "laspy"),
-        ({"versions": without("matplotlib")}, WARN, "matplotlib"),
-        ({"copies": {"/a": "0.1.0", "/b": "0.1.0"}}, WARN, "2 copies"),
-        ({"copies": {"/a": "0.1.0", "/b": "0.2.0"}}, ERROR, "2 copies"),
-        ({"cache": None, "numba_error": "ImportError: numpy"}, ERROR, "numba does not load"),
-        ({"cache": replace(CACHE, writable=False)}, WARN, "can't be stored"),
-        ({"cache": replace(CACHE, free=10**6)}, WARN, "left for compiled kernels"),
-        ({"kernels": 0}, WARN, "no compiled kernels yet"),
-        ({"interpreted": True}, ERROR, "NUMBA_DISABLE_JIT"),
-        ({"cores": 1}, WARN, "one core"),
-        ({"ros_error": "messages do not load: X"}, ERROR, "messages do not load"),
+        (Folder("/f", True, 2**33), "files in /f"),
+        (Folder("/f", False, 2**33), "files can't be stored in /f: slow"),
+        (Folder("/f", True, 2**20), "1 MiB left for files in /f"),
     ],
 )
-def test_problem_of_an_installation(changes: dict[str, object], level: str, text: str) -> None:
-    changed = replace(GOOD_INSTALLATION, **changes)  # type: ignore[arg-type]  # as given above
-    found = problems(list(check_installation(changed)))
-    assert [found_level for found_level, _ in found] == ([level] if level != OK else [])
-    assert all(text in found_text for _, found_text in found)
+def test_finding_about_a_folder(folder: Folder, text: str) -> None:
+    finding = check_storage("files", folder, "FILES", warn, "slow")
+    assert finding.text == text
+    assert finding.remedy.count("FILES") == (finding.level == WARN)
 
 
 def test_copies_are_listed_once_each(tmp_path: Path) -> None:
@@ -94,14 +116,23 @@ def test_copies_are_listed_once_each(tmp_path: Path) -> None:
     assert len(installation.copies([str(tmp_path)])) == 2
 
 
-def test_good_environment_has_no_problems() -> None:
-    assert problems(list(check_environment(GOOD_ENVIRONMENT))) == []
+@pytest.fixture
+def good_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without problems, whatever runs the tests."""
+    monkeypatch.setattr(environment, "folder_at", lambda path: Folder(path, True, 2**33))
+    monkeypatch.setattr(environment, "receive_buffer", lambda: 212_992)
 
 
+PYTHON = f"python3.{sys.version_info.minor}"
+
+
+@pytest.mark.usefixtures("good_machine")
 @pytest.mark.parametrize(
     ("variables", "level", "text"),
     [
+        ({}, OK, ""),
         ({"ROS_DISTRO": "humble"}, ERROR, "humble"),
+        ({"_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}, WARN, "may mix"),
         ({"ROS_DOMAIN_ID": "300"}, ERROR, "300"),
         ({"ROS_DOMAIN_ID": "me"}, ERROR, "'me'"),
         ({"ROS_DOMAIN_ID": "150"}, WARN, "150"),
@@ -111,68 +142,70 @@ def test_good_environment_has_no_problems() -> None:
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, OK, ""),
         ({"ROS_LOCALHOST_ONLY": "1"}, WARN, "ROS_LOCALHOST_ONLY"),
         ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, WARN, "rmw_cyclonedds_cpp"),
-        ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, OK, ""),
-        ({"PYTHONPATH": "/opt/ros/jazzy/lib/python3.10/site-packages"}, ERROR, "3.10"),
-        ({"PYTHONPATH": "/opt/ros/jazzy/lib/python3.12/site-packages"}, OK, ""),
-        ({"ROS_SECURITY_ENABLE": "true"}, WARN, "starts unsecured"),
-        ({"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}, OK, ""),
+        ({"RMW_IMPLEMENTATION": MIDDLEWARE}, OK, ""),
+        ({"PYTHONPATH": "/opt/ros/jazzy/lib/python3.5/site-packages"}, ERROR, "3.5"),
+        ({"PYTHONPATH": f"/opt/ros/jazzy/lib/{PYTHON}/site-packages"}, OK, ""),
+        ({"FASTDDS_DEFAULT_PROFILES_FILE": "/no/such.xml"}, ERROR, "/no/such.xml"),
+        ({"FASTDDS_DEFAULT_PROFILES_FILE": __file__}, OK, ""),
     ],
 )
 def test_problem_of_the_variables(variables: dict[str, str], level: str, text: str) -> None:
-    mixed = {**GOOD_ENVIRONMENT.variables, **variables}
-    found = problems(list(check_environment(replace(GOOD_ENVIRONMENT, variables=mixed))))
+    found = problems(list(check_environment({"ROS_DISTRO": "jazzy", **variables}, MIDDLEWARE)))
     assert [found_level for found_level, _ in found] == ([level] if level != OK else [])
     assert all(text in found_text for _, found_text in found)
 
 
-@pytest.mark.parametrize(
-    ("changes", "level", "text"),
-    [
-        ({"wheels": True}, WARN, "may mix"),
-        ({"prefixes": ("/a", "/b")}, WARN, "2 times"),
-        ({"middleware": ""}, ERROR, "no middleware"),
-        ({"missing_files": ("/x.xml",)}, ERROR, "/x.xml"),
-        ({"logs": Folder("/l", False, 2**33)}, ERROR, "logs"),
-        ({"logs": Folder("/l", True, 2**20)}, WARN, "1 MiB left"),
-        ({"shared_memory": None}, WARN, "no shared memory"),
-        ({"shared_memory": Folder("/dev/shm", True, 2**21)}, WARN, "2 MiB"),
-        ({"receive_buffer": None}, OK, ""),
-    ],
-)
-def test_problem_of_files_and_memory(changes: dict[str, object], level: str, text: str) -> None:
-    changed = replace(GOOD_ENVIRONMENT, **changes)  # type: ignore[arg-type]  # as given above
-    found = problems(list(check_environment(changed)))
-    assert [found_level for found_level, _ in found] == ([level] if level != OK else [])
-    assert all(text in found_text for _, found_text in found)
+@pytest.mark.usefixtures("good_machine")
+def test_security_needs_a_keystore_and_should_be_enforced(tmp_path: Path) -> None:
+    variables = {"ROS_SECURITY_ENABLE": "true"}
+    assert [level for level, _ in problems(list(check_environment(variables, MIDDLEWARE)))] == [
+        ERROR,
+        WARN,
+    ]
+    variables |= {"ROS_SECURITY_KEYSTORE": str(tmp_path), "ROS_SECURITY_STRATEGY": "Enforce"}
+    assert problems(list(check_environment(variables, MIDDLEWARE))) == []
 
 
-def test_folders_and_files_are_read(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("good_machine")
+def test_missing_middleware_is_an_error() -> None:
+    ((level, text),) = problems(list(check_environment({}, "")))
+    assert level == ERROR and "no middleware could be loaded" in text
+
+
+@pytest.mark.usefixtures("good_machine")
+def test_shared_memory_should_be_there_and_have_room(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(environment, "MIN_SHARED_MEMORY_BYTES", 2**40)
+    ((level, text),) = problems(list(check_environment({}, MIDDLEWARE)))
+    assert level == WARN and "8192 MiB of shared memory left" in text
+    monkeypatch.setattr(environment, "SHARED_MEMORY", str(tmp_path / "none"))
+    ((level, text),) = problems(list(check_environment({}, MIDDLEWARE)))
+    assert level == WARN and "no shared memory" in text
+
+
+def test_folders_are_read_from_the_variables(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    (tmp_path / "ours" / "share" / "ellipseg_ros").mkdir(parents=True)
-    variables = {
-        "ROS_HOME": str(tmp_path / "home"),
-        "AMENT_PREFIX_PATH": f"{tmp_path / 'ours'}:{tmp_path / 'other'}:{tmp_path / 'ours'}",
-        "FASTDDS_DEFAULT_PROFILES_FILE": str(tmp_path / "missing.xml"),
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "file"),
-    }
-    environment = read_environment(variables, "3.12", "rmw")
-    assert environment.logs.path == str(tmp_path / "home" / "log") and environment.logs.writable
-    assert environment.prefixes == (str(tmp_path / "ours"),)
-    assert environment.missing_files == (str(tmp_path / "missing.xml"),)
-    assert not folder_at(str(tmp_path / "file" / "log")).writable
+    paths = [tmp_path / "ours", tmp_path / "other", tmp_path / "ours", tmp_path / "mine"]
+    for name in ("ours", "mine"):
+        (tmp_path / name / "share" / "ellipseg_ros").mkdir(parents=True)
+    variables = {"ROS_HOME": str(tmp_path), "AMENT_PREFIX_PATH": ":".join(map(str, paths))}
+    found = list(check_environment(variables, MIDDLEWARE))
+    assert any(finding.text == f"logs in {tmp_path}/log" for finding in found)
+    text = f"AMENT_PREFIX_PATH has ellipseg_ros 2 times: {paths[0]}, {paths[3]}; the first is used"
+    assert (WARN, text) in problems(found)
+    variables["ROS_LOG_DIR"] = str(tmp_path / "file" / "log")
+    errors = [
+        text for level, text in problems(list(check_environment(variables, ""))) if level == ERROR
+    ]
+    assert any(text.endswith("file/log: no node starts") for text in errors)
     assert folder_at(str(tmp_path / ("x" * 300))).writable  # a name that is too long
 
 
-def test_unreadable_receive_buffer_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert isinstance(read_environment({}, "3.12", "rmw").receive_buffer, int)
-
-    def refuse(*_: object, **__: object) -> str:
-        raise PermissionError("rmem_max")
-
-    monkeypatch.setattr(Path, "read_text", refuse)
-    assert read_environment({}, "3.12", "rmw").receive_buffer is None
-
-
-def test_folder_of_compiled_kernels_is_that_of_the_kernels() -> None:
-    cache = installation.read_installation("").cache
-    assert cache is not None and cache.path == os.path.abspath(cache_folder())
+def test_unreadable_receive_buffer_is_unknown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(environment, "RECEIVE_BUFFER", tmp_path / "none")
+    assert environment.receive_buffer() is None
+    (tmp_path / "none").write_text("212992\n")
+    assert environment.receive_buffer() == 212_992
