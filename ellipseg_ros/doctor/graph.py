@@ -36,8 +36,7 @@ def _publishers(graph: GraphSnapshot) -> Iterator[Finding]:
         remedy = "correct only if their clouds are registered in one frame, with one clock"
         yield warn(f"{len(publishers)} publishers of {name}: {nodes}", remedy)
     elif publishers:
-        qos = f"{publishers[0].reliability}, {publishers[0].durability}"
-        yield ok(f"{name} is published by {publishers[0].node} ({qos})")
+        yield ok(f"{name} is published by {publishers[0].node} ({publishers[0].qos})")
 
 
 def _remapping(graph: GraphSnapshot) -> str:
@@ -58,7 +57,7 @@ def _mismatches(topic: Topic) -> Iterator[Finding]:
 
 
 def _segmenters(graph: GraphSnapshot) -> Iterator[Finding]:
-    for name in graph.duplicate_names:
+    for name in sorted(name for name, count in Counter(graph.nodes).items() if count > 1):
         text = f"several nodes are named {name}: services and parameters reach any of them"
         yield error(text, "start them with different names: `-r __node:=` or `-r __ns:=`")
     namespaces = Counter(segmenter.node.rpartition("/")[0] for segmenter in graph.segmenters)

@@ -11,8 +11,7 @@ class Endpoint:
 
     node: str  # with its namespace: "/robot/ellipseg_segmenter"
     msg_type: str  # "sensor_msgs/msg/PointCloud2"
-    reliability: str  # "reliable", "best_effort"
-    durability: str  # "volatile", "transient_local"
+    qos: str  # reliability and durability: "reliable, volatile"
 
 
 @dataclass(frozen=True)
@@ -63,8 +62,7 @@ class GraphSnapshot:
     clouds: tuple[CloudInfo, ...] = ()
     other_cloud_topics: tuple[str, ...] = ()  # with a publisher
     segmenters: tuple[SegmenterInfo, ...] = ()
-    duplicate_names: tuple[str, ...] = ()  # of several nodes each
-    nodes: int = 0  # other than the observer
+    nodes: tuple[str, ...] = ()  # full names, with duplicates; without the observer
     has_clock: bool = False  # /clock has a publisher
     namespace: str = "/"
 

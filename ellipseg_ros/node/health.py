@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 
 from ellipseg_ros.node.memory import resident_mb
-from ellipseg_ros.node.stamps import STALLED_CLOUDS
+from ellipseg_ros.node.stamps import STALLED_CLOUDS, StampMonitor
 from ellipseg_ros.records import SECOND, Segmentation
 from ellipseg_ros.tuning.curve import Curve
 
@@ -66,7 +66,6 @@ class Health:
         self._total: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
         self._start = self._report_time = self._cloud_time = time.monotonic()
-        self._ready = False
         self._work_start: float | None = None  # s, monotonic clock; None: the worker is idle
         self._update_time: float | None = None  # s, monotonic clock, of the last update
         self._newest_ns: int | None = None  # stamp of its newest point
@@ -75,13 +74,10 @@ class Health:
         self._processing: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._window: dict[str, str] = {}
         self._last = dict.fromkeys(("last restart", "last threshold change", "last tuning"), "")
+        self.ready = False  # all kernels are compiled and clouds are subscribed to
+        self.stamps = StampMonitor()  # of the received clouds
         self.other_publishers = 0  # other nodes that publish `segments`
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
-
-    def ready(self) -> None:
-        """Note that all kernels are compiled and clouds are subscribed to."""
-        with self._lock:
-            self._ready = True
 
     @contextmanager
     def work(self) -> Iterator[None]:
@@ -98,20 +94,11 @@ class Health:
             self._total["clouds"] += 1
             self._cloud_time = time.monotonic()
 
-    def stamps(self, stalled: int, gaps: int) -> None:
-        """Take over the counters of a StampMonitor."""
-        with self._lock:
-            self._total["stalled"], self._total["gaps"] = stalled, gaps
-
-    def rejected(self, reason: str) -> None:
-        """Count an invalid cloud."""
-        with self._lock:
-            self._total.update(["refused", "rejected", REASON + reason])
-
-    def group_rejected(self, reason: str) -> None:
-        """Count valid clouds that can't be used together, as one."""
+    def rejected(self, reason: str, group: bool = False) -> None:
+        """Count an invalid cloud; group: valid clouds that can't be used together, as one."""
         with self._lock:
             self._total.update(["rejected", REASON + reason])
+            self._total["refused"] += not group
 
     def count(self, **counts: int) -> None:
         """Add to counters: lost (clouds) or the fields of an Overload."""
@@ -161,10 +148,13 @@ class Health:
         waiting: updates in the backlog. now_ns: the node's time, for the age of the points.
         """
         with self._lock:
-            now = time.monotonic()
+            now, start = time.monotonic(), self._work_start
+            busy = 0.0 if start is None else now - start
+            self._total["stalled"] = self.stamps.stalled
+            self._total["gaps"] = self.stamps.gaps
             new = self._total - self._reported
             rate = new["clouds"] / max(now - self._report_time, 1e-9)
-            level, message = self._judge(new, now)
+            level, message = self._judge(new, now, busy)
             self._reported, self._report_time = self._total.copy(), now
             values = {
                 "input rate [1/s]": f"{rate:.2f}",
@@ -175,72 +165,56 @@ class Health:
                 **quantiles("processing", self._processing),
                 **quantiles("latency", self._latency),
                 **self._window,
-                **self._ages(now, now_ns),
+                "current update duration [s]": f"{busy:.1f}",
+                "uptime [s]": f"{now - self._start:.0f}",
+                "memory [MB]": f"{resident_mb():.0f}",
             }
+            if self._update_time is not None and self._newest_ns is not None:
+                values["time since the last update [s]"] = f"{now - self._update_time:.1f}"
+                if now_ns is not None:
+                    age_s = (now_ns - self._newest_ns) / SECOND
+                    values["age of the newest point [s]"] = f"{age_s:.1f}"
             return Report(level, message, values)
 
-    def _judge(self, new: Counter[str], now: float) -> tuple[int, str]:
-        busy = self._busy(now)
+    def _judge(self, new: Counter[str], now: float, busy: float) -> tuple[int, str]:
         if busy > UPDATE_TIMEOUT_S:
             return ERROR, f"the current update has taken {busy:.0f} s so far"
         if new["clouds"] and new["refused"] >= new["clouds"]:
             reasons = ", ".join(key.removeprefix(REASON) for key in _reasons(new))
             return ERROR, f"every cloud is rejected: {reasons}"
-        warnings = [*self._input_warnings(new, now), *self._load_warnings(new)]
-        if self.other_publishers:
-            warnings.append(f"{self.other_publishers} other nodes publish segments")
+        warnings = [text for text, applies in self._warnings(new, now) if applies]
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
 
-    def _input_warnings(self, new: Counter[str], now: float) -> Iterator[str]:
-        idle = now - self._cloud_time
-        if not self._ready:
-            yield "loading the kernels, which are compiled at the first start"
-        elif not self._total["clouds"]:
-            yield "no cloud yet"
-        elif idle > INPUT_TIMEOUT_S:
+    def _warnings(self, new: Counter[str], now: float) -> list[tuple[str, object]]:
+        """All warnings, and whether each applies."""
+        idle, stalled = now - self._cloud_time, self.stamps.stalled
+        if idle > INPUT_TIMEOUT_S:
             self._lateness.clear()  # earlier latencies say nothing about the present
-            yield f"no cloud for {idle:.0f} s"
-        for name in ("rejected", "lost"):
-            if new[name]:
-                yield f"{new[name]} clouds {name}"
-        stalled = self._total["stalled"]
-        if stalled >= STALLED_CLOUDS:
-            yield f"stamps do not advance: {stalled} clouds are no newer"
-        if new["gaps"]:
-            yield "stamps jumped forward by more than the window"
-        if new["restarts"] > 1:
-            yield f"the window restarted {new['restarts']} times: {self._last['last restart']}"
-        if self.sensor_frame:
-            yield f"frame {self.sensor_frame} looks like a sensor's"
-
-    def _load_warnings(self, new: Counter[str]) -> Iterator[str]:
-        for name in ("coalesced", "dropped"):
-            if new[name]:
-                yield f"too slow: {new[name]} updates {name}"
-        if len(self._lateness) == LATE_UPDATES and min(self._lateness) > 1.0:
-            yield (
+        late = len(self._lateness) == LATE_UPDATES and min(self._lateness) > 1.0
+        received, latency = self._total["clouds"], self._latency[-1] if late else 0.0
+        return [
+            ("loading the kernels, which are compiled at the first start", not self.ready),
+            ("no cloud yet", self.ready and not received),
+            (f"no cloud for {idle:.0f} s", self.ready and received and idle > INPUT_TIMEOUT_S),
+            (f"{new['rejected']} clouds rejected", new["rejected"]),
+            (f"{new['lost']} clouds lost", new["lost"]),
+            (f"stamps do not advance: {stalled} clouds are no newer", stalled >= STALLED_CLOUDS),
+            ("stamps jumped forward by more than the window", new["gaps"]),
+            (
+                f"the window restarted {new['restarts']} times: {self._last['last restart']}",
+                new["restarts"] > 1,
+            ),
+            (f"frame {self.sensor_frame} looks like a sensor's", self.sensor_frame),
+            (f"too slow: {new['coalesced']} updates coalesced", new["coalesced"]),
+            (f"too slow: {new['dropped']} updates dropped", new["dropped"]),
+            (
                 f"too slow for real time: {LATE_UPDATES} consecutive updates were later than "
-                f"update_period, the last after {self._latency[-1]:.2f} s"
-            )
-        if new["evicted"]:
-            yield f"max_points reached: {new['evicted']} points evicted"
-
-    def _busy(self, now: float) -> float:
-        """Time since the worker began its present task, s."""
-        start = self._work_start
-        return 0.0 if start is None else now - start
-
-    def _ages(self, now: float, now_ns: int | None) -> dict[str, str]:
-        ages = {
-            "current update duration [s]": f"{self._busy(now):.1f}",
-            "uptime [s]": f"{now - self._start:.0f}",
-            "memory [MB]": f"{resident_mb():.0f}",
-        }
-        if self._update_time is not None and self._newest_ns is not None:
-            ages["time since the last update [s]"] = f"{now - self._update_time:.1f}"
-            if now_ns is not None:
-                ages["age of the newest point [s]"] = f"{(now_ns - self._newest_ns) / SECOND:.1f}"
-        return ages
+                f"update_period, the last after {latency:.2f} s",
+                late,
+            ),
+            (f"max_points reached: {new['evicted']} points evicted", new["evicted"]),
+            (f"{self.other_publishers} other nodes publish segments", self.other_publishers),
+        ]
 
 
 def _reasons(counts: Counter[str]) -> list[str]:

@@ -2,17 +2,13 @@
 
 import os
 import time
-from collections import Counter
-from collections.abc import Callable
-from functools import partial
-from itertools import product, starmap
+from itertools import product
 from typing import Any
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
-from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -30,12 +26,12 @@ from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.cloud_input import matching_reliability
 from ellipseg_ros.ros.topics import create_subscription
 
-OUTPUTS = (*topics.UPDATE_TOPICS, topics.TUNING_CURVE)
-OUTPUT_TYPES = tuple(dict.fromkeys(topic.type for topic in OUTPUTS))
+OUTPUT_TYPES = {topic.type for topic in (*topics.UPDATE_TOPICS, topics.TUNING_CURVE)}
 PARAMETERS = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
 DISCOVERY_TIMEOUT_S = 5.0
-SETTLING_TIME_S = 0.5  # without a change, after which discovery counts as complete
+SETTLING_TIME_S = 0.5  # for the discovery of nodes that run already
 POLL_INTERVAL_S = 0.1  # of the graph, which notifies of no change
+RESPONSE_TIMEOUT_S = 2.0  # of a parameter service
 DEPTH = 100  # clouds kept while earlier ones are read
 
 
@@ -51,10 +47,6 @@ class GraphProbe(AuxiliaryNode):
         self._requested_topic, self._namespace = topic, namespace
         self._clouds: list[CloudInfo] = []
         self._statuses: dict[str, dict[str, Any]] = {}  # last of /diagnostics, by segmenter
-        self._parameters: dict[str, dict[str, Any]] = {}  # by name of the segmenter
-        self._clients: dict[str, Client] = {}  # that ask for them
-        self._nodes: list[str] = []  # at the last poll
-        self._changed_at = time.monotonic()  # when they last changed
         self._name = f"ellipseg_doctor_{os.getpid()}"
         try:
             super().__init__(self._name, ["--ros-args", "-r", f"__ns:={namespace}"])
@@ -68,69 +60,28 @@ class GraphProbe(AuxiliaryNode):
         return node
 
     def probe(self, seconds: float) -> GraphSnapshot:
-        """Discover the graph, then receive clouds for so many seconds.
-
-        Segmenters that are discovered later are included.
-        """
+        """Discover the graph, then receive clouds for so many seconds."""
         create_subscription(self.node, topics.DIAGNOSTICS, self._on_diagnostics, DEPTH)
-        self._wait(DISCOVERY_TIMEOUT_S, self._is_discovered)
-        self._update_topic()
-        while True:
-            self._clouds.clear()
-            qos = QoSProfile(depth=DEPTH, reliability=matching_reliability(self.node, self._topic))
-            subscription = self.node.create_subscription(
-                PointCloud2, self._topic, self._on_cloud, qos
-            )
-            if not self._wait(seconds, self._query_segmenters):
-                return self._graph(seconds)
-            self.node.destroy_subscription(subscription)  # of a topic that is not the segmenter's
+        self._discover()
+        qos = QoSProfile(depth=DEPTH, reliability=matching_reliability(self.node, self._topic))
+        self.node.create_subscription(PointCloud2, self._topic, self._on_cloud, qos)
+        time.sleep(seconds)
+        snapshot = self._graph(seconds)
+        if self.failed:
+            raise self.failed[0]
+        return snapshot
 
-    def _wait(self, seconds: float, condition: Callable[[], bool]) -> bool:
-        """Poll the condition; False if it was not met in time."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if (remaining := end - time.monotonic()) <= 0.0:
-                return False
-            time.sleep(min(POLL_INTERVAL_S, remaining))
-            if self.failed:
-                raise self.failed[0]
-        return True
-
-    def _is_discovered(self) -> bool:
-        """Whether a segmenter and a publisher are known, and no node was added for a while."""
-        self._update_topic()
-        if (nodes := self._other_nodes()) != self._nodes:
-            self._nodes, self._changed_at = nodes, time.monotonic()
-        if time.monotonic() < self._changed_at + SETTLING_TIME_S:
-            return False
-        return bool(self._segmenters() and self.node.get_publishers_info_by_topic(self._topic))
-
-    def _update_topic(self) -> bool:
-        """Adopt the input topic of a segmenter unless one was requested; whether it is new."""
-        inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
-        if not inputs or self._requested_topic or self._topic in inputs:
-            return False
-        self._topic = inputs[0]
-        return True
-
-    def _query_segmenters(self) -> bool:
-        """Request each segmenter's parameters once; whether the topic of the clouds is new."""
-        for name in self._segmenters():
-            if name not in self._clients:
-                self._clients[name] = self.node.create_client(
-                    GetParameters, f"{name}/get_parameters"
-                )
-            if name not in self._parameters and self._clients[name].service_is_ready():
-                self._parameters[name] = {}
-                future = self._clients[name].call_async(GetParameters.Request(names=PARAMETERS))
-                future.add_done_callback(partial(self._on_parameters, name))
-        return self._update_topic()
-
-    def _on_parameters(self, name: str, future: Any) -> None:
-        values = future.result().values
-        if len(values) == len(PARAMETERS):  # else that node doesn't know them all
-            converted = map(parameter_value_to_python, values)
-            self._parameters[name] = dict(zip(PARAMETERS, converted, strict=True))
+    def _discover(self) -> None:
+        """Wait for a segmenter and a publisher, and adopt its topic unless one was requested."""
+        end = time.monotonic() + DISCOVERY_TIMEOUT_S
+        time.sleep(SETTLING_TIME_S)
+        while time.monotonic() < end:
+            inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
+            if inputs and not (self._requested_topic or self._topic in inputs):
+                self._topic = inputs[0]
+            if inputs and self.node.get_publishers_info_by_topic(self._topic):
+                break
+            time.sleep(POLL_INTERVAL_S)
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrival, now_ns = time.monotonic(), time.time_ns()
@@ -197,7 +148,6 @@ class GraphProbe(AuxiliaryNode):
         return self._names(node, "subscriber", topics.CLOUD)
 
     def _graph(self, seconds: float) -> GraphSnapshot:
-        names = Counter(self._other_nodes())
         other_topics = [
             topic
             for topic, kinds in self.node.get_topic_names_and_types()
@@ -211,8 +161,7 @@ class GraphProbe(AuxiliaryNode):
             clouds=tuple(self._clouds),
             other_cloud_topics=tuple(sorted(other_topics)),
             segmenters=tuple(map(self._segmenter, self._segmenters())),
-            duplicate_names=tuple(name for name, count in names.items() if count > 1),
-            nodes=sum(names.values()),
+            nodes=tuple(self._other_nodes()),
             has_clock=bool(self.node.get_publishers_info_by_topic(topics.CLOCK.name)),
             namespace=self._namespace,
         )
@@ -224,27 +173,36 @@ class GraphProbe(AuxiliaryNode):
         return SegmenterInfo(
             node=name,
             inputs=tuple(map(self._topic_ends, self._inputs(name))),
-            outputs=tuple(map(self._topic_ends, outputs)),
-            parameters=self._parameters.get(name, {}),
+            outputs=tuple(map(self._topic_ends, sorted(outputs))),
+            parameters=self._parameters(name),
             **self._statuses.get(name, {}),
         )
 
+    def _parameters(self, node: str) -> dict[str, Any]:
+        """Values of PARAMETERS; empty if the node does not respond or does not know them all."""
+        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
+        if not client.wait_for_service(RESPONSE_TIMEOUT_S):
+            return {}
+        response = client.call(GetParameters.Request(names=PARAMETERS), RESPONSE_TIMEOUT_S)
+        if response is None or len(response.values) != len(PARAMETERS):
+            return {}
+        return dict(zip(PARAMETERS, map(parameter_value_to_python, response.values), strict=True))
+
     def _topic_ends(self, topic: str) -> Topic:
         """Publishers, subscriptions and QoS mismatches of a topic, apart from this node's."""
-        publishers, subscriptions = (
-            [info for info in ends if info.node_name != self._name]
-            for ends in (
-                self.node.get_publishers_info_by_topic(topic),
-                self.node.get_subscriptions_info_by_topic(topic),
-            )
-        )
-        mismatches = dict.fromkeys(starmap(_mismatch, product(publishers, subscriptions)))
+        publishers = self._others(self.node.get_publishers_info_by_topic(topic))
+        subscriptions = self._others(self.node.get_subscriptions_info_by_topic(topic))
+        pairs = product(publishers, subscriptions)
+        mismatches = dict.fromkeys(_mismatch(sender, receiver) for sender, receiver in pairs)
         return Topic(
             topic,
             tuple(map(_endpoint, publishers)),
             tuple(map(_endpoint, subscriptions)),
             tuple(filter(None, mismatches)),
         )
+
+    def _others(self, ends: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+        return [info for info in ends if info.node_name != self._name]
 
 
 def _name(info: TopicEndpointInfo) -> str:
@@ -262,7 +220,6 @@ def _mismatch(sender: TopicEndpointInfo, receiver: TopicEndpointInfo) -> str:
 
 
 def _endpoint(info: TopicEndpointInfo) -> Endpoint:
-    qos = info.qos_profile
-    return Endpoint(
-        _name(info), info.topic_type, qos.reliability.name.lower(), qos.durability.name.lower()
-    )
+    profile = info.qos_profile
+    qos = f"{profile.reliability.name}, {profile.durability.name}".lower()
+    return Endpoint(_name(info), info.topic_type, qos)

@@ -15,7 +15,6 @@ from ellipseg_ros.node.backlog import Backlog, Resend, Reset, Update
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.health import Health, Report
 from ellipseg_ros.node.memory import release_large_blocks
-from ellipseg_ros.node.stamps import StampMonitor
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import publish_diagnostics
@@ -45,7 +44,6 @@ class SegmenterNode(Runnable):
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
-        self._stamps = StampMonitor()
         self._warned_frames: set[str] = set()
         self._outputs = Outputs(node, lambda topic: self._backlog.put(Resend(topic)))
         publish_diagnostics(node, "segmentation", self._report)
@@ -79,7 +77,7 @@ class SegmenterNode(Runnable):
         )
         warm_up()
         self._input = CloudInput(self.node, self._node_config, self._on_cloud, self._on_lost)
-        self._health.ready()
+        self._health.ready = True
         self.log.info(f"ready; {self.parameters}")
         self._worker.run()
 
@@ -120,9 +118,8 @@ class SegmenterNode(Runnable):
 
     def _check_stamp(self, sweep: Sweep) -> None:
         config = self._config
-        if text := self._stamps.check(sweep, config.window_duration, config.max_lateness):
+        if text := self._health.stamps.check(sweep, config.window_duration, config.max_lateness):
             self.log.warning(text, **throttled())
-        self._health.stamps(self._stamps.stalled, self._stamps.gaps)
 
     def _on_lost(self, clouds: int) -> None:
         self._health.count(lost=clouds)
@@ -142,7 +139,7 @@ class SegmenterNode(Runnable):
         try:
             self._queue(self._grouping.flush(), time.monotonic())
         except InputError as error:
-            self._health.group_rejected(error.reason)
+            self._health.rejected(error.reason, group=True)
         self._grouping = Grouping(self._config)
         self._backlog.put(Reset("~/reset was called"))
         response.success = True

@@ -64,7 +64,7 @@ class Worker:
                 self.log.warning(f"the window restarts: {segmentation.restart}")
             self.outputs.publish(segmentation, task.node_config)
         except InputError as error:
-            self.health.group_rejected(error.reason)
+            self.health.rejected(error.reason, group=True)
             self.log.warning(f"clouds rejected: {error}", **throttled())
             self._reset(str(error))
             return

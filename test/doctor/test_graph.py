@@ -33,9 +33,9 @@ def cloud(k: int, **changes: object) -> CloudInfo:
     return replace(made, **changes)  # type: ignore[arg-type]  # any field
 
 
-PUBLISHER = Endpoint("/odometry", graph.CLOUD, "reliable", "volatile")
-SUBSCRIBER = Endpoint("/ellipseg_segmenter", graph.CLOUD, "best_effort", "volatile")
-VIEWER = Endpoint("/rviz", "ellipseg_ros/msg/SegmentArray", "reliable", "volatile")
+PUBLISHER = Endpoint("/odometry", graph.CLOUD, "reliable, volatile")
+SUBSCRIBER = Endpoint("/ellipseg_segmenter", graph.CLOUD, "best_effort, volatile")
+VIEWER = Endpoint("/rviz", "ellipseg_ros/msg/SegmentArray", "reliable, volatile")
 POINTS = Topic("/points", (PUBLISHER,), (SUBSCRIBER,))
 SEGMENTER = SegmenterInfo(
     node="/ellipseg_segmenter",
@@ -45,7 +45,14 @@ SEGMENTER = SegmenterInfo(
     message="segmenting",
     parameters={"use_sim_time": False, "max_points_per_second": 0, "max_lateness": 1.0},
 )
-GRAPH = GraphSnapshot(POINTS, 5.0, tuple(map(cloud, range(40))), (), (SEGMENTER,), nodes=3)
+GRAPH = GraphSnapshot(
+    POINTS,
+    5.0,
+    tuple(map(cloud, range(40))),
+    (),
+    (SEGMENTER,),
+    nodes=("/odometry", "/ellipseg_segmenter", "/rviz"),
+)
 STREAM = GRAPH.clouds
 
 
@@ -87,7 +94,7 @@ def segmenter(**changes: object) -> dict[str, object]:
         (stream(size=10**6), WARN, "rmem_max=4194304"),
         ({"topic": replace(POINTS, mismatches=("/a to /b: x",))}, ERROR, "incompatible QoS"),
         ({"topic": replace(POINTS, publishers=(PUBLISHER, PUBLISHER))}, WARN, "2 publishers"),
-        ({"duplicate_names": ("/ellipseg_segmenter",)}, ERROR, "several nodes are named"),
+        ({"nodes": ("/ellipseg_segmenter",) * 2}, ERROR, "several nodes are named"),
         ({"segmenters": ()}, WARN, "no segmenter runs"),
         ({"segmenters": (SEGMENTER, replace(SEGMENTER, node="/b"))}, ERROR, "2 segmenters"),
         ({"segmenters": (SEGMENTER, replace(SEGMENTER, node="/ns/b"))}, OK, ""),

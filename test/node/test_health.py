@@ -38,7 +38,7 @@ def window(restart="", change="", late=0, evicted=0):
 def ready():
     """Of a node that has compiled its kernels."""
     found = Health()
-    found.ready()
+    found.ready = True
     return found
 
 
@@ -46,7 +46,7 @@ def test_report_before_the_first_cloud(clock):
     found = Health()
     report = found.report(0)
     assert (report.level, report.message.split(",")[0]) == (WARN, "loading the kernels")
-    found.ready()
+    found.ready = True
     report = found.report(0)
     assert (report.level, report.message) == (WARN, "no cloud yet")
     assert "time since the last update [s]" not in report.values
@@ -125,7 +125,7 @@ def test_error_lists_the_reasons_since_the_last_report(clock):
 def test_rejected_group_is_a_warning(clock):
     found = ready()
     found.cloud()
-    found.group_rejected("fields")
+    found.rejected("fields", group=True)
     report = found.report(0)
     assert (report.level, report.message) == (WARN, "1 clouds rejected")
     assert report.values["clouds rejected: fields"] == "1"

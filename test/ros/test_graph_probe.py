@@ -148,7 +148,7 @@ def test_snapshot_describes_the_received_clouds(domain):
     with stream(domain, "/front/points"), GraphProbe("", "/front") as observer:
         graph = observer.probe(4.0)
     assert graph.topic.name == "/front/points"
-    assert [end.reliability for end in graph.topic.publishers] == ["reliable"]
+    assert [end.qos for end in graph.topic.publishers] == ["reliable, volatile"]
     assert len(graph.clouds) >= 5
     for cloud in graph.clouds:
         assert (cloud.frame_id, cloud.points, cloud.finite) == ("odom", 400, 400)
