@@ -13,7 +13,7 @@ from ellipseg_ros.msg import TuningCurve
 from ellipseg_ros.node.health import Health
 from ellipseg_ros.records import SECOND, Segmentation
 from ellipseg_ros.ros.limits import throttled
-from ellipseg_ros.ros.process import End
+from ellipseg_ros.ros.process import OnError
 from ellipseg_ros.ros.topics import create_publisher, create_service
 from ellipseg_ros.ros.tuner import Tuned, Tuner
 from ellipseg_ros.tuning.curve import Curve
@@ -28,7 +28,7 @@ class LiveTuning:
     Everything but the tuner runs in the thread of the node's callbacks. end: as for the tuner.
     """
 
-    def __init__(self, node: Node, health: Health, end: End) -> None:
+    def __init__(self, node: Node, health: Health, end: OnError) -> None:
         self._node = node
         self._health = health
         self._hysteresis = Hysteresis()

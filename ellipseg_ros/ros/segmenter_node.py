@@ -56,7 +56,6 @@ class SegmenterNode(Runnable):
             self._config, self._backlog, self._outputs, self._health, self._tuner, self.log
         )
         self._thread = start_thread("segmenter", self._work, end)
-        self._tuner.start()
 
     def close(self) -> bool:
         """Delete the markers and end the threads; False if one is still working.
@@ -64,11 +63,9 @@ class SegmenterNode(Runnable):
         An update that is finished later is not published.
         """
         self._backlog.close()
-        self._tuner.close()
         self._thread.join(WORKER_TIMEOUT_S)
         self._outputs.close()
-        self._tuner.join(TUNER_TIMEOUT_S)
-        return not (self._thread.is_alive() or self._tuner.is_alive())
+        return self._tuner.close(TUNER_TIMEOUT_S) and not self._thread.is_alive()
 
     def _work(self) -> None:
         """Compile the kernels, subscribe to clouds, and segment; in a thread of its own."""

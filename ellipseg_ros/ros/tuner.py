@@ -1,4 +1,4 @@
-"""The thread that tunes the threshold on the present window, beside the one that segments."""
+"""Tuning of the threshold on the present window, in a thread beside the one that segments."""
 
 import os
 import threading
@@ -6,12 +6,13 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.jit import single_threaded
 from ellipseg_ros.records import ISOLATED, SECOND, Segmentation
 from ellipseg_ros.ros.limits import Share
-from ellipseg_ros.ros.process import End
+from ellipseg_ros.ros.process import OnError, start_thread
 from ellipseg_ros.tuning.curve import Curve
 from ellipseg_ros.tuning.live import LIVE_SEARCH
 from ellipseg_ros.tuning.search import tune
@@ -33,23 +34,22 @@ class Tuned:
 
 
 Done = Callable[[Tuned], object]
-Job = tuple[Segmentation, Config, Done]
 
 
-class Tuner(threading.Thread):
+class Tuner:
     """Tunes one window at a time, on one core and at low priority, while updates continue.
 
-    on_auto_tuned: called in this thread after an automatic tuning.
-    end: called in this thread with an unexpected error; no tuning follows it.
+    Each tuning has a thread of its own, in which these are called:
+    on_auto_tuned: after an automatic tuning.
+    end: with an unexpected error; no tuning follows it.
     """
 
-    def __init__(self, on_auto_tuned: Done, end: End) -> None:
-        super().__init__(name="tuner", daemon=True)
+    def __init__(self, on_auto_tuned: Done, end: OnError) -> None:
         self._on_auto_tuned = on_auto_tuned
         self._end = end
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._latest: tuple[Segmentation, Config] | None = None
-        self._job: Job | None = None
+        self._thread: threading.Thread | None = None  # of the last tuning
         self._busy = False
         self._share = Share(*TUNING_SHARE)
         self._period_ns = 0
@@ -63,7 +63,7 @@ class Tuner(threading.Thread):
         period, when the window has filled. It is postponed while another tuning runs, or while
         all tunings have exceeded their share: a period of a minute leaves 18 s to each.
         """
-        with self._changed:
+        with self._lock:
             self._latest = (segmentation, config)
             period_ns = round(period * SECOND)
             end_ns = segmentation.end_ns
@@ -75,12 +75,12 @@ class Tuner(threading.Thread):
 
     def reset(self) -> None:
         """Discard the latest update, whose window has been reset."""
-        with self._changed:
+        with self._lock:
             self._latest, self._period_ns = None, 0
 
     def request(self, done: Done) -> str:
-        """Tune on the latest update, then call `done` in this thread; return why not, or ""."""
-        with self._changed:
+        """Tune on the latest update, then call `done` in its thread; return why not, or ""."""
+        with self._lock:
             return self._obstacle() or self._start_job(done)
 
     def _obstacle(self) -> str:
@@ -88,49 +88,37 @@ class Tuner(threading.Thread):
 
         Queries the share only while no tuning counts on it, which another thread does.
         """
-        if self._busy:
+        if self._busy or self._closed:
             return "a tuning is running; call again when it has finished"
         wait = self._share.wait()
         return f"there were too many tunings; call again in {wait:.1f} s" if wait else ""
 
     def _start_job(self, done: Done) -> str:
-        """Make the latest update the next job; return why not, or ""."""
+        """Tune on the latest update in another thread; return why not, or ""."""
         if self._latest is None:
             return "there is no window yet; call again after the first update"
         points = self._latest[0].counts.segmented
         if points < MIN_POINTS:
             return f"the window has {points} segmented points; a curve needs {MIN_POINTS} or more"
-        self._job, self._busy = (*self._latest, done), True
-        self._changed.notify_all()
+        self._busy = True
+        self._thread = start_thread("tuner", partial(self._tune, *self._latest, done), self._end)
         return ""
 
-    def close(self) -> None:
-        """Start no more tunings."""
-        with self._changed:
+    def close(self, timeout: float) -> bool:
+        """Start no more tunings; False if the present one takes longer than `timeout` s."""
+        with self._lock:
             self._closed = True
-            self._changed.notify_all()
+        if self._thread is not None:
+            self._thread.join(timeout)
+        return not self._busy
 
-    def run(self) -> None:
-        """Tune until closed."""
-        try:
-            lower_priority()
-            for window, config, done in iter(self._next_job, None):
-                with self._share.work():
-                    tuned = tune_window(window, config)
-                with self._changed:
-                    self._busy = False
-                    self._changed.notify_all()
-                if not self._closed:
-                    done(tuned)
-        except Exception as error:
-            self._end(error)
-
-    def _next_job(self) -> Job | None:
-        """Wait for a job; None when closed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._job or self._closed)
-            job, self._job = self._job, None
-            return None if self._closed else job
+    def _tune(self, window: Segmentation, config: Config, done: Done) -> None:
+        lower_priority()
+        with self._share.work():
+            tuned = tune_window(window, config)
+        self._busy = False
+        if not self._closed:
+            done(tuned)
 
 
 def lower_priority() -> None:

@@ -246,7 +246,7 @@ def test_unexpected_error_ends_the_node(held, monkeypatch):
     held.points.send(sweep(1.0))
     update(held, 2.0)
     assert held.tuner.request(print) == ""
-    held.tuner.join(60.0)
+    held.tuner.close(60.0)
     assert held.ended == [error]
     held.ended.clear()  # for the fixture, which expects none
 
@@ -278,16 +278,15 @@ class Tunings:
 
     def rest(self):
         """Wait until it does nothing."""
-        with self.tuner._changed:
-            assert self.tuner._changed.wait_for(lambda: not self.tuner._busy, 60.0)
+        if self.tuner._thread is not None:
+            self.tuner._thread.join(60.0)
+        assert not self.tuner._busy
 
     def __enter__(self):
-        self.tuner.start()
         return self
 
     def __exit__(self, *_):
-        self.tuner.close()
-        self.tuner.join(60.0)
+        assert self.tuner.close(60.0)
 
 
 def test_tunings_are_limited_to_a_share_of_the_time(monkeypatch):
@@ -324,18 +323,17 @@ def test_priority_is_low_and_never_raised(monkeypatch, niceness):
 
     def started_nicely():
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), max(present, niceness))
-        thread.start()  # it begins with the priority of who starts it
+        refused.append(found.request(lambda _: None))  # its thread begins with this priority
 
     monkeypatch.setattr(tuner, "tune_window", work)
-    thread = Tuner(print, print)
+    refused, found = [], Tuner(print, print)
+    found.observe(random_records.segmentation(), Config(), 0.0)
     starter = Thread(target=started_nicely)
     starter.start()
     starter.join(60.0)
-    thread.observe(random_records.segmentation(), Config(), 0.0)
-    assert thread.request(lambda _: None) == ""
+    assert refused == [""]
     assert seen.get(timeout=60.0) == max(present, niceness, tuner.NICENESS)
-    thread.close()
-    thread.join(60.0)
+    assert found.close(60.0)
 
 
 def test_tuner_works_without_the_right_to_set_priorities(monkeypatch):
@@ -351,22 +349,20 @@ def test_tuner_works_without_the_right_to_set_priorities(monkeypatch):
 def test_automatic_tuning_once_per_period_of_sensor_time(monkeypatch):
     ended = Queue()
     monkeypatch.setattr(tuner, "tune_window", lambda found, config: Tuned(found, config, None))
-    thread = Tuner(lambda tuned: ended.put(tuned.window.end_ns // SECOND), print)
-    thread.start()
+    found_tuner = Tuner(lambda tuned: ended.put(tuned.window.end_ns // SECOND), print)
     heard = []
     for second in range(20):
         restart = "a jump" if second == 8 else ""
         found = random_records.segmentation(end_ns=second * SECOND, restart=restart)
-        thread.observe(found, Config(), 3.0 if second < 15 else 0.0)
+        found_tuner.observe(found, Config(), 3.0 if second < 15 else 0.0)
         if second in (3, 6, 11, 14):
             heard.append(ended.get(timeout=60.0))
-    thread.close()
-    thread.join(60.0)
+    assert found_tuner.close(60.0)
     assert heard == [3, 6, 11, 14] and ended.empty()
 
 
 def test_reset_discards_the_window():
-    thread = Tuner(print, print)
-    thread.observe(random_records.segmentation(), Config(), 0.0)
-    thread.reset()
-    assert "no window" in thread.request(print)
+    found = Tuner(print, print)
+    found.observe(random_records.segmentation(), Config(), 0.0)
+    found.reset()
+    assert "no window" in found.request(print)
