@@ -63,14 +63,11 @@ class FlowControl:
         return len(self._outstanding)
 
     def _expect(self, group: Sweep) -> None:
-        starts_run = bool(group.restart) or not self.updates
-        if starts_run:
+        if group.restart or not self.updates:
             self._run += 1
             self._acknowledged_ns = int(group.times_ns.min(initial=group.stamp_ns))
-        if len(group):
-            newest_ns = int(group.times_ns.max())
-            self._end_ns = newest_ns if starts_run else max(self._end_ns, newest_ns)
-        elif starts_run:
-            self._end_ns = group.stamp_ns
+            self._end_ns = int(group.times_ns.max()) if len(group) else group.stamp_ns
+        else:
+            self._end_ns = int(group.times_ns.max(initial=self._end_ns))
         self._outstanding.append((self._run, self._end_ns))
         self.updates += 1

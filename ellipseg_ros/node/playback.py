@@ -44,17 +44,17 @@ class ReplayOptions(Checked):
     )
 
 
-@dataclass(frozen=True)
+@dataclass
 class ReplaySummary:
     """Totals of a replay."""
 
-    clouds: int
-    points: int
-    runs: int  # complete passes over the source
-    updates: int  # expected from the node for the clouds; 0 without `ahead`
-    missed: int  # of these: not published in time
-    sensor_seconds: float  # from the first to the last stamp, summed over all runs
-    wall_seconds: float  # from the first cloud to the end, pauses included
+    clouds: int = 0
+    points: int = 0
+    runs: int = 0  # complete passes over the source
+    updates: int = 0  # expected from the node for the clouds; 0 without `ahead`
+    missed: int = 0  # of these: not published in time
+    sensor_seconds: float = 0.0  # from the first to the last stamp, summed over all runs
+    wall_seconds: float = 0.0  # from the first cloud to the end, pauses included
 
 
 class Playback:
@@ -78,8 +78,7 @@ class Playback:
         self._paused = options.start_paused
         self._subscribed = not options.wait_for_subscriber
         self._stopped = False
-        self._clouds = self._points = self._runs = self._missed = 0
-        self._sensor_ns = 0
+        self._summary = ReplaySummary()
 
     def play(
         self, source: Iterable[Sweep], progress: Callable[[Sweep], None] = lambda _: None
@@ -98,15 +97,9 @@ class Playback:
         with self._changed:
             while self._flow.outstanding and not self._stopped:
                 self._wait_for_update()
-        return ReplaySummary(
-            clouds=self._clouds,
-            points=self._points,
-            runs=self._runs,
-            updates=self._flow.updates,
-            missed=self._missed,
-            sensor_seconds=self._sensor_ns / SECOND,
-            wall_seconds=time.monotonic() - started,
-        )
+        self._summary.updates = self._flow.updates
+        self._summary.wall_seconds = time.monotonic() - started
+        return self._summary
 
     def subscribed(self) -> None:
         """Note that there is a subscriber: the first cloud may be sent."""
@@ -141,28 +134,27 @@ class Playback:
             if not self._wait_until_due(sweep):
                 return False
             self._send(sweep)
-            self._clouds += 1
-            self._points += len(sweep)
+            self._summary.clouds += 1
+            self._summary.points += len(sweep)
             if newest_ns is not None:
-                self._sensor_ns += max(0, sweep.stamp_ns - newest_ns)
+                self._summary.sensor_seconds += max(0, sweep.stamp_ns - newest_ns) / SECOND
             newest_ns = sweep.stamp_ns
             progress(sweep)
-        self._runs += 1
+        self._summary.runs += 1
         return newest_ns is not None
 
     def _wait_until_due(self, sweep: Sweep) -> bool:
         """Wait until the cloud is due, and register it; False if the replay was stopped."""
-        flow_controlled = self._options.ahead > 0.0
         with self._changed:
             while not self._stopped:
                 if self._paused:
                     self._changed.wait()
-                elif flow_controlled and not self._flow.may_send(sweep):
+                elif not self._flow.may_send(sweep):
                     self._wait_for_update()
                 elif (remaining := self._pace.remaining(sweep.stamp_ns)) > 0.0:
                     self._changed.wait(remaining)
                 else:
-                    if flow_controlled:
+                    if self._options.ahead:
                         self._flow.send(sweep)
                     return True
             return False
@@ -171,7 +163,7 @@ class Playback:
         """Wait for any change; after the timeout, expect no more of the outstanding updates."""
         if not self._changed.wait(self._options.update_timeout):
             missed = self._flow.abandon()
-            self._missed += missed
+            self._summary.missed += missed
             self._log(
                 f"no update for {self._options.update_timeout:g} s; continuing without {missed} "
                 "(does the segmenter run, with update_period "

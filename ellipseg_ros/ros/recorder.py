@@ -16,7 +16,6 @@ from ellipseg_ros.ros.subscriptions import header_stamp_ns, sequence_number, sub
 
 STAMPED = [topic.name for topic in UPDATE_TOPICS if topic != ELLIPSOIDS]  # begin with a header
 OPTIONAL = LANDMARKS.name  # not published if landmarks are disabled
-ONE_MARKER_BYTES = 1000  # more than a message of one marker has
 
 
 class Sink(Protocol):
@@ -47,7 +46,12 @@ class Recorder(AuxiliaryNode):
         self.updates = 0
         self.diagnostics: dict[str, str] = {}  # the latest
         super().__init__("ellipseg_recorder", args or [])
-        subscribe_outputs(self.node, self._on_message, self._on_ready, self._on_diagnostics)
+        subscribe_outputs(
+            self.node,
+            on_message=lambda topic, data: self._update(self._record, topic, data),
+            on_ready=lambda: self._update(setattr, self, "_ready", True),
+            on_diagnostics=lambda values: self._update(setattr, self, "diagnostics", values),
+        )
 
     def write_points(self, sweep: Sweep) -> None:
         """Record a cloud that was sent."""
@@ -102,9 +106,6 @@ class Recorder(AuxiliaryNode):
         """Make all waits fail with an error of a callback."""
         self.stop(f"recording failed: {error}")
 
-    def _on_message(self, topic: str, data: bytes) -> None:
-        self._update(lambda: self._record(topic, data))
-
     def _record(self, topic: str, data: bytes) -> None:
         if topic in STAMPED:
             self._time_ns = self._stamps[topic] = header_stamp_ns(data)
@@ -120,29 +121,17 @@ class Recorder(AuxiliaryNode):
             self._sink.write(f"/{topic}", self._time_ns, data)
 
     def _is_complete(self) -> bool:
-        last = self._stamps.get(SEGMENTS.name)
-        return all(
-            self._stamps.get(topic) == last
-            for topic in STAMPED
-            if topic in self._stamps or topic != OPTIONAL
-        )
+        required = {*STAMPED} - {OPTIONAL} | self._stamps.keys()
+        return len({self._stamps.get(topic) for topic in required}) == 1
 
-    def _on_ready(self) -> None:
-        self._update(lambda: setattr(self, "_ready", True))
-
-    def _on_diagnostics(self, values: dict[str, str]) -> None:
-        self._update(lambda: setattr(self, "diagnostics", values))
-
-    def _update(self, change: Callable[[], object]) -> None:
+    def _update(self, change: Callable[..., object], *args: object) -> None:
         """Change the guarded state and notify the waiting threads."""
         with self._changed:
-            change()
+            change(*args)
             self._changed.notify_all()
 
 
 def deletes_all(data: bytes) -> bool:
     """Whether a serialized MarkerArray only deletes all markers."""
-    if len(data) > ONE_MARKER_BYTES:
-        return False
     actions = [marker.action for marker in deserialize_message(data, MarkerArray).markers]
     return actions == [Marker.DELETEALL]

@@ -29,7 +29,6 @@ from ellipseg_ros.segmenter import warm_up
 WORKER_TIMEOUT_S = 1.0  # for a last update at shutdown
 TUNER_TIMEOUT_S = 0.1  # it either ends immediately, or is in a tuning that takes long
 RESET_QUOTA = (30, 60.0)  # calls within s, so that a flood of calls leaves most of the windows
-MAX_WARNED_FRAMES = 10  # warned of once each: frame names of other nodes are unbounded
 
 
 class SegmenterNode(Runnable):
@@ -44,7 +43,6 @@ class SegmenterNode(Runnable):
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
-        self._warned_frames: set[str] = set()
         self._outputs = Outputs(node, lambda topic: self._backlog.put(Resend(topic)))
         publish_diagnostics(node, "segmentation", self._report)
         create_service(node, RESET, self._on_reset)
@@ -106,12 +104,10 @@ class SegmenterNode(Runnable):
                 )
 
     def _check_frame(self, frame_id: str) -> None:
-        sensor = looks_like_a_sensor(frame_id)
-        self._health.sensor_frame = frame_id if sensor else ""
-        warned = self._warned_frames
-        if sensor and frame_id not in warned and len(warned) < MAX_WARNED_FRAMES:
-            warned.add(frame_id)
-            self.log.warning(warning(frame_id))
+        sensor_frame = frame_id if looks_like_a_sensor(frame_id) else ""
+        if sensor_frame and sensor_frame != self._health.sensor_frame:
+            self.log.warning(warning(frame_id), **throttled())
+        self._health.sensor_frame = sensor_frame
 
     def _check_stamp(self, sweep: Sweep) -> None:
         config = self._config
