@@ -3,11 +3,14 @@
 The YAML file, the ROS parameters and the command line derive from it.
 """
 
+import math
+import operator
 from dataclasses import dataclass, field
 
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.settings import Checked, setting
 
+MAX_NORM_ERROR = 0.01  # of a quaternion; senders that round to two digits stay below
 DEFAULT_THRESHOLD = -1.0  # as `threshold`: the default of the criterion
 
 
@@ -224,6 +227,119 @@ class AssociatorConfig(Checked):
         "file that ~/save writes, and that ~/load and the start read; empty: none",
         live=False,
     )
+
+
+@dataclass(frozen=True)
+class PlacementConfig(Checked):
+    """Placement of clouds in a sensor's frame by poses."""
+
+    pose_source: str = setting(
+        "auto",
+        "source of the poses of clouds; registered: the clouds are in a fixed frame already; "
+        "auto: tf if fixed_frame is set, odometry if that topic is remapped, else registered",
+        allowed=("auto", "registered", "odometry", "tf"),
+        live=False,
+    )
+    fixed_frame: str = setting(
+        "", "frame of tf in which the window lives, such as odom or map", live=False
+    )
+    extrinsic: str = setting(
+        "",
+        "pose of the lidar in the odometry's child frame, x y z qx qy qz qw [m]; for several "
+        "lidars each after its frame_id: `front: 1 0 2 0 0 0 1; rear: -1 0 2 0 0 1 0`; "
+        "empty: from the names of the frames, and static transforms",
+        live=False,
+    )
+    odometry_stamp: str = setting(
+        "exact",
+        "what the stamp of an odometry is; exact: the time of its pose; scan_begin, scan_end: the "
+        "begin or end of a scan, while the pose is that of its end",
+        allowed=("exact", "scan_begin", "scan_end"),
+        live=False,
+    )
+    odometry_offset: float = setting(
+        0.0, "time to add to the stamps of the odometry", "s", -10.0, 10.0, live=False
+    )
+    odometry_jump: float = setting(
+        1.0,
+        "deviation from a steady motion between two poses that restarts the window; 0: none does",
+        "m",
+        0.0,
+        1e6,
+        live=False,
+    )
+    max_pose_gap: float = setting(
+        1.0,
+        "time between two poses up to which they are interpolated",
+        "s",
+        0.001,
+        60.0,
+        live=False,
+    )
+    deskew: str = setting(
+        "auto",
+        "move every point by the pose at its own time; auto: if the cloud has times of points; "
+        "off: for clouds that are corrected already",
+        allowed=("auto", "on", "off"),
+        live=False,
+    )
+    time_field: str = setting(
+        "", "field with the times of points; empty: the first with a known name", live=False
+    )
+    time_unit: str = setting(
+        "auto",
+        "unit of that field; auto: by its type and values",
+        allowed=("auto", "s", "ms", "us", "ns"),
+        live=False,
+    )
+    min_range: float = setting(
+        0.1, "returns nearer to the sensor are filtered", "m", 0.0, 1e6, live=False
+    )
+    max_range: float = setting(
+        0.0, "returns farther from the sensor are filtered; 0: none is", "m", 0.0, 1e6, live=False
+    )
+    self_filter: str = setting(
+        "",
+        "box in the sensor's frame, in which returns are filtered: "
+        "x_min y_min z_min x_max y_max z_max [m]; empty: none",
+        live=False,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.self_filter and not all(map(operator.lt, *self.self_box)):
+            raise ConfigError(
+                f"self_filter is {self.self_filter!r}; each min must be below its max"
+            )
+        for numbers in self.extrinsics.values():
+            norm = math.sqrt(sum(x * x for x in numbers[3:]))
+            if abs(norm - 1.0) > MAX_NORM_ERROR:
+                raise ConfigError(f"the quaternion of extrinsic has norm {norm:g}; it must be 1")
+
+    @property
+    def self_box(self) -> tuple[list[float], list[float]]:
+        """Corners of `self_filter`, m; without one that of an empty box."""
+        if not self.self_filter:
+            return [math.inf] * 3, [-math.inf] * 3
+        numbers = _numbers("self_filter", self.self_filter, 6)
+        return numbers[:3], numbers[3:]
+
+    @property
+    def extrinsics(self) -> dict[str, list[float]]:
+        """Position (3) m and quaternion x, y, z, w of the lidar by frame_id; "": of any frame."""
+        entries = [entry.rpartition(":") for entry in self.extrinsic.split(";") if entry.strip()]
+        return {name.strip(): _numbers("extrinsic", text, 7) for name, _, text in entries}
+
+
+def _numbers(name: str, text: str, count: int) -> list[float]:
+    """`count` finite numbers from a text; ConfigError if there are others."""
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"{name} is {text.strip()!r}; it must be {count} numbers")
+    return numbers
 
 
 @dataclass(frozen=True)

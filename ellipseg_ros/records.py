@@ -35,6 +35,9 @@ class Sweep:
     fields: Array | None = None  # (n,) structured: every field of the input cloud, x, y, z too
     frame_id: str = ""
     restart: str = ""  # why the window must restart with this sweep; empty: it continues
+    ranges: Array | None = None  # (n,) float64, m from the sensor; None or NaN: not known
+    filtered: int = 0  # points of the same clouds that were removed by range or place
+    unplaced: int = 0  # points of clouds before it that could not be placed for lack of a pose
 
     def __post_init__(self) -> None:
         points = np.ascontiguousarray(self.points, dtype=np.float64)
@@ -45,7 +48,8 @@ class Sweep:
         offsets = np.ascontiguousarray(self.offsets_ns, dtype=np.int64)
         if not len(offsets):
             offsets = np.zeros(len(points), np.int64)
-        for name, column in (("offsets_ns", offsets), ("fields", self.fields)):
+        columns = (("offsets_ns", offsets), ("fields", self.fields), ("ranges", self.ranges))
+        for name, column in columns:
             if column is not None and len(column) != len(points):
                 raise InputError(
                     f"{name} has {len(column)} rows for {len(points)} points", "shape"
@@ -70,6 +74,7 @@ class Sweep:
             points=self.points[mask],
             offsets_ns=self.offsets_ns[mask],
             fields=None if self.fields is None else self.fields[mask],
+            ranges=None if self.ranges is None else self.ranges[mask],
         )
 
 
@@ -328,6 +333,10 @@ class Segmentation:
     end_ns: int
     late: int  # points of this update that were older than the window, and are not in it
     evicted: int  # points that `max_points` removed from the window in this update
+    filtered: (
+        int  # points of this update that were removed by range or place in the sensor's frame
+    )
+    unplaced: int  # points since the last update for which there was no pose
     sequence: int  # number of this update, from 0, not restarted by a reset
     restart: str  # why the window restarted with this update; empty: it did not
     threshold_change: str = ""  # why criterion or threshold changed; empty: they did not

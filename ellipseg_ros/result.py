@@ -58,6 +58,8 @@ def segmentation_record(  # a record of everything
         end_ns=window.end_ns,
         late=arrivals.late,
         evicted=arrivals.evicted,
+        filtered=arrivals.filtered,
+        unplaced=arrivals.unplaced,
         sequence=cause.sequence,
         restart=cause.restart,
         threshold_change=cause.threshold_change,

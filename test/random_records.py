@@ -128,6 +128,8 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "end_ns": end_ns,
         "late": 3,
         "evicted": 5,
+        "filtered": 4,
+        "unplaced": 7,
         "sequence": 0,
         "restart": "",
         "threshold_change": "tuned",

@@ -24,7 +24,18 @@ def join_sweeps(sweeps: list[Sweep]) -> Sweep:
         points=np.concatenate([s.points for s in sweeps]),
         offsets_ns=np.concatenate([s.times_ns for s in sweeps]) - newest,
         fields=join_fields([s.fields for s in sweeps], [len(s) for s in sweeps]),
+        ranges=_join_ranges(sweeps),
+        filtered=sum(s.filtered for s in sweeps),
+        unplaced=sum(s.unplaced for s in sweeps),
     )
+
+
+def _join_ranges(sweeps: list[Sweep]) -> Array | None:
+    """Ranges of all points, NaN where a sweep has none; None if no sweep has any."""
+    if all(sweep.ranges is None for sweep in sweeps):
+        return None
+    parts = [np.full(len(s), np.nan) if s.ranges is None else s.ranges for s in sweeps]
+    return np.concatenate(parts)
 
 
 def join_fields(parts: list[Array | None], lengths: list[int]) -> Array | None:

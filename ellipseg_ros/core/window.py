@@ -42,6 +42,8 @@ class Arrivals(NamedTuple):
     expired: Array  # (e,) int64: serial numbers of accepted points that left, ascending
     late: int = 0  # new points, of any fate, that were older than the window already
     evicted: int = 0  # points, old or new, that `max_points` removed before their time
+    filtered: int = 0  # as in Sweep
+    unplaced: int = 0
 
 
 class Window:
@@ -111,6 +113,8 @@ class Window:
             expired=old.arrival[expires & (old.fate == ACCEPTED)],
             late=late_count,
             evicted=evicted,
+            filtered=sweep.filtered,
+            unplaced=sweep.unplaced,
         )
         self._arrived += len(times)
         self._replace_rows(expires, new, sweep.fields, stays)

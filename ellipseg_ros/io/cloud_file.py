@@ -7,8 +7,8 @@ import numpy as np
 
 from ellipseg_ros.errors import InputError, missing_package, reason
 from ellipseg_ros.io.formats import FORMATS, npz
-from ellipseg_ros.io.point_times import time_offsets
 from ellipseg_ros.io.pointcloud2 import as_native, check_xyz, xyz
+from ellipseg_ros.poses.point_times import time_offsets
 from ellipseg_ros.records import SECOND, Array, Sweep
 
 FRAME = "odom"  # of all files, as they name none: a world-fixed frame by REP-105

@@ -47,6 +47,7 @@ def write_segments(segmentation: Segmentation, selection: Selection | None = Non
     counts = segmentation.counts
     out.put("IIII", counts.segmented, counts.isolated, counts.rejected, counts.thinned)
     out.put("II", segmentation.late, segmentation.evicted)
+    out.put("II", segmentation.filtered, segmentation.unplaced)
     order = _ascending(segmentation.ids, None if selection is None else selection.segments)
     shape = "count mean covariance axes eigenvalues planarity cylindricality sphericity aicc"
     columns = _columns(segmentation, "ids object_ids state", order)

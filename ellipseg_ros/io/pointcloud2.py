@@ -14,7 +14,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.cdr import Cdr
 from ellipseg_ros.io.colours import id_colours
 from ellipseg_ros.io.limits import check_name, read_stamp
-from ellipseg_ros.io.point_times import OFFSET, time_offsets
+from ellipseg_ros.poses.point_times import OFFSET, time_offsets
 from ellipseg_ros.records import Array, Segmentation, Sweep
 
 Layout: TypeAlias = np.dtype[Any]

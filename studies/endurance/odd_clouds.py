@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ellipseg_ros.io.point_times import NAMES as TIMES
 from ellipseg_ros.io.pointcloud2 import TYPES
+from ellipseg_ros.poses.point_times import NAMES as TIMES
 from ellipseg_ros.records import SECOND, Array
 from studies.endurance.cloud_messages import START_NS, Cloud, Field, Header, Time
 

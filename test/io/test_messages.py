@@ -106,6 +106,8 @@ def plain_segments(found):
         thinned=int((found.labels == -3).sum()),
         late=found.late,
         evicted=found.evicted,
+        filtered=found.filtered,
+        unplaced=found.unplaced,
         full=True,
         sequence=found.sequence,
         segments=[plain_segment(found, row) for row in np.argsort(found.ids)],

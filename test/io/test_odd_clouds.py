@@ -14,10 +14,10 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.limits import MAX_STAMP_S
 from ellipseg_ros.io.messages import write_segments
-from ellipseg_ros.io.point_times import time_offsets
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_cloud, write_labelled
 from ellipseg_ros.io.topics import CLOUD
 from ellipseg_ros.node.grouping import Grouping
+from ellipseg_ros.poses.point_times import time_offsets
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
 from studies.endurance import conversion, update_check

@@ -16,7 +16,7 @@ LAYERS = [
     {"config"},
     {"records"},
     {"core"},
-    {"landmarks", "objects"},
+    {"landmarks", "objects", "poses"},
     {"association", "result", "segmenter"},
     {"io", "node", "simulation", "tuning"},
     {"doctor", "plots"},

@@ -1,0 +1,151 @@
+"""Times of single points, from the fields of lidar drivers."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ellipseg_ros.errors import InputError
+from ellipseg_ros.records import SECOND, Array
+
+MAX_OFFSET_NS = 10 * SECOND  # from the stamp; larger values are no times, or of another clock
+MAX_DISTANCE_NS = SECOND  # of the nearest point of a cloud from its stamp
+MAX_RATE = 2e7  # points/s: no lidar measures more, so shorter spans are of another unit
+INVALID_NS = -4 * 10**18  # for NaN and values beyond int64
+
+OFFSET = "offset_time"  # ns from the stamp, of any type: Livox, and what this package writes
+NAMES = (OFFSET, "t", "time", "timestamp", "time_stamp", "timestamps", "time_offset")
+UNITS = {"s": SECOND, "ms": 10**6, "us": 1000, "ns": 1}  # ns
+FROM_STAMP, ABSOLUTE, FROM_FIRST = "from the stamp", "absolute", "from the first point"
+
+
+class PointTimes(NamedTuple):
+    """Times of the points of a cloud, and how they were read."""
+
+    offsets_ns: Array  # (n,) int64, ns from the stamp; 0 where not valid
+    valid: Array  # (n,) bool
+    meaning: str  # such as "t [ns] from the stamp"; empty: the cloud has no times
+
+
+class TimeField(NamedTuple):
+    """Which field holds the times, and its unit; empty: decided by names, types and values."""
+
+    name: str = ""
+    unit: str = ""
+
+
+AUTOMATIC = TimeField()
+
+
+def time_offsets(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> Array:
+    """Nanoseconds from the stamp to every point: (n,) structured -> (n,) int64.
+
+    Points without a valid time, and all of a cloud without readable times, get 0: for registered
+    clouds, where a time decides only when a point expires.
+    """
+    try:
+        return point_times(fields, stamp_ns, chosen).offsets_ns
+    except InputError:
+        return np.zeros(len(fields), np.int64)
+
+
+def point_times(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> PointTimes:
+    """Read the times of points: (n,) structured.
+
+    The first field with one of the NAMES is used. Its type and values decide its meaning:
+
+    - integers: ns from the stamp (Ouster `t`, Livox `offset_time`), or else the time itself;
+    - float32: s from the stamp (Velodyne `time`);
+    - float64: the time itself in s (Hesai, RoboSense `timestamp`) or ns (Livox `timestamp`), or
+      else s from the stamp;
+    - or any of these in another unit; or else the time of another clock, from its first point.
+
+    The first meaning is used in which at least half of the times are within 10 s of the stamp, one
+    of them within 1 s, and the rate is below MAX_RATE. Raises InputError if there is none, or no
+    field of a given name.
+    """
+    name = chosen.name or _find(fields)
+    if not name:
+        none = np.zeros(len(fields), np.int64)
+        return PointTimes(none, np.ones(len(fields), bool), "")
+    if name not in (fields.dtype.names or ()):
+        listed = ", ".join(fields.dtype.names or ()) or "none"
+        raise InputError(f"the cloud has no time field {name!r}; it has {listed}", "point_times")
+    values = fields[name]
+    for unit, reference, offsets in _meanings(values, stamp_ns, name == OFFSET, chosen.unit):
+        valid = (-MAX_OFFSET_NS <= offsets) & (offsets <= MAX_OFFSET_NS)  # |-2^63| is -2^63
+        count = np.count_nonzero(valid)
+        near = _is_near(offsets[valid]) or name == OFFSET or reference == FROM_FIRST
+        if 2 * count >= len(offsets) and near and _is_plausible(offsets[valid]):
+            return PointTimes(np.where(valid, offsets, 0), valid, f"{name} [{unit}] {reference}")
+    seen = f"{values.min(initial=0):g} to {values.max(initial=0):g}"
+    problem = f"the times {name!r} of a cloud are {seen}"
+    advice = "they must be within 10 s of each other (time_field, time_unit)"
+    raise InputError(f"{problem}; {advice}", "point_times")
+
+
+def _find(fields: Array) -> str:
+    kinds = {name: fields.dtype[name] for name in fields.dtype.names or ()}
+    times = {name for name, kind in kinds.items() if kind.kind in "iuf" and kind.itemsize >= 4}
+    return next((name for name in NAMES if name in times), "")
+
+
+def _is_near(offsets: Array) -> bool:
+    """Whether the times begin, end or lie at the stamp; those of another clock hardly do."""
+    return not len(offsets) or int(np.abs(offsets).min()) <= MAX_DISTANCE_NS
+
+
+def _is_plausible(offsets: Array) -> bool:
+    """Whether the rate of points is one that a lidar can have; equal times are."""
+    span = int(np.ptp(offsets)) if len(offsets) else 0
+    return span == 0 or len(offsets) * SECOND <= MAX_RATE * span
+
+
+def _meanings(
+    values: Array, stamp_ns: int, is_offset: bool, unit: str
+) -> Iterator[tuple[str, str, Array]]:
+    """Unit, reference and offsets (n,) int64, ns from the stamp, of meanings, likeliest first."""
+    integer = values.dtype.kind in "iu"
+    precise = integer or values.dtype.itemsize == 8
+    units = ["ns", "us", "ms"] if integer or is_offset else list(UNITS)
+    if _has_overflowed(values):
+        units = []
+        yield unit or "ns", FROM_FIRST, _from_first(values, UNITS[unit or "ns"])
+    if unit:
+        units = [unit]
+    elif precise and not integer and not is_offset:  # float64: absolute times come first
+        for name in ("s", "ns", "us"):
+            yield name, ABSOLUTE, _nanoseconds(values, UNITS[name]) - stamp_ns
+    for name in units:
+        yield name, FROM_STAMP, _nanoseconds(values, UNITS[name])
+        if precise:
+            yield name, ABSOLUTE, _nanoseconds(values, UNITS[name]) - stamp_ns
+    if precise and not is_offset:
+        for name in units:
+            yield name, FROM_FIRST, _from_first(values, UNITS[name])
+
+
+def _has_overflowed(values: Array) -> bool:
+    """Whether the times are a counter of 32 bits that passed its end within the cloud."""
+    if values.dtype.kind not in "iu" or values.dtype.itemsize != 4 or not len(values):
+        return False
+    return int(np.ptp(_from_first(values, 1))) < int(values.max()) - int(values.min())
+
+
+def _from_first(values: Array, unit: int) -> Array:
+    """Offsets of another clock from its earliest time; counters of 32 bits may overflow."""
+    if values.dtype.kind in "iu" and values.dtype.itemsize == 4 and len(values):
+        steps = (values.astype(np.int64) - int(values[0]) + 2**31) % 2**32 - 2**31
+        return (steps - steps.min()) * unit
+    ns = _nanoseconds(values, unit)
+    known = ns[ns > INVALID_NS]
+    return np.where(ns > INVALID_NS, ns - (known.min() if len(known) else 0), INVALID_NS)
+
+
+def _nanoseconds(values: Array, unit: int) -> Array:
+    if values.dtype.kind in "iu":
+        whole = values.astype(np.int64)
+        return whole if unit == 1 else whole * unit
+    with np.errstate(over="ignore", invalid="ignore"):
+        ns = np.rint(values.astype(np.float64) * unit)
+    return np.where(np.abs(ns) < -INVALID_NS, ns, INVALID_NS).astype(np.int64)
