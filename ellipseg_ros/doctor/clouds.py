@@ -29,9 +29,9 @@ def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Ite
     if not graph.has_clock and clouds[-1].stamp_ns:
         yield _age(median(cloud.age for cloud in clouds))
     yield from _frames(clouds)
-    rate, limited = graph.points_per_second, _points_per_second(graph)
-    if rate is not None:
-        thinned = f", thinned to {limited:,.0f} (max_points_per_second)" if limited != rate else ""
+    if rate := _points_per_second(clouds):
+        limited = _thinned(rate, graph)
+        thinned = f", thinned to {limited:,.0f} (max_points_per_second)" if limited < rate else ""
         yield ok(f"{rate:,.0f} points per second{thinned}")
     largest = max(cloud.size for cloud in clouds)
     if receive_buffer is not None and largest > receive_buffer:
@@ -44,8 +44,8 @@ def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Ite
 def check_speed(speed: float, graph: GraphSnapshot | None) -> Finding:
     """Finding about the speed of this machine, in points/s, and the density of the clouds."""
     text = f"this machine segments about {speed:,.0f} points per second (window of 5 s)"
-    rate = None if graph is None else _points_per_second(graph)
-    if rate is None:
+    rate = 0.0 if graph is None else _thinned(_points_per_second(graph.clouds), graph)
+    if not rate:
         return ok(text)
     text += f"; the clouds have {rate:,.0f}"
     if rate <= speed:
@@ -143,8 +143,13 @@ def _frames(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
             yield ok(f"frame {frame}")
 
 
-def _points_per_second(graph: GraphSnapshot) -> float | None:
-    """Rate of the points that the node segments, after thinning; None if it is not known."""
-    rate = graph.points_per_second
+def _points_per_second(clouds: Sequence[CloudInfo]) -> float:
+    """Rate of finite points; 0 if it can't be computed from the clouds."""
+    seconds = clouds[-1].arrived - clouds[0].arrived if clouds else 0.0
+    return sum(cloud.finite for cloud in clouds[1:]) / seconds if seconds else 0.0
+
+
+def _thinned(rate: float, graph: GraphSnapshot) -> float:
+    """Rate of the points that the node segments of those received."""
     limit = graph.parameter("max_points_per_second", Config().max_points_per_second)
-    return min(rate, limit) if rate is not None and limit > 0.0 else rate
+    return min(rate, limit) if limit > 0.0 else rate

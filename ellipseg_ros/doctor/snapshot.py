@@ -70,11 +70,3 @@ class GraphSnapshot:
         """A parameter of the first segmenter that reports it, or `default`."""
         values = (s.parameters[name] for s in self.segmenters if name in s.parameters)
         return float(next(values, default))
-
-    @property
-    def points_per_second(self) -> float | None:
-        """Rate of finite points; None if it can't be computed from the clouds."""
-        seconds = self.clouds[-1].arrived - self.clouds[0].arrived if self.clouds else 0.0
-        if seconds <= 0.0:
-            return None
-        return sum(cloud.finite for cloud in self.clouds[1:]) / seconds

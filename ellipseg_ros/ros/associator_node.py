@@ -38,7 +38,7 @@ class AssociatorNode(Runnable):
         super().__init__(topics.ASSOCIATOR, AssociationConfig(), MapConfig(), AssociatorConfig())
         self.pauses: Pauses = Pauses(*CALLBACK_SHARE)
         self._config, map_config, associator = self.parameters.records()
-        self.parameters.on_change(self._apply_parameters)
+        self.parameters.changed = self._apply_parameters
         self._file = Path(associator.map_file) if associator.map_file else None
         self._map = LandmarkMap(map_config)
         if self._file and _may_exist(self._file):

@@ -2,11 +2,11 @@
 
 import os
 import time
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
@@ -76,10 +76,11 @@ class GraphProbe(AuxiliaryNode):
         end = time.monotonic() + DISCOVERY_TIMEOUT_S
         time.sleep(SETTLING_TIME_S)
         while time.monotonic() < end:
-            inputs = [topic for name in self._segmenters() for topic in self._inputs(name)]
+            found = self._topics()
+            inputs = [topic.name for node in self._segmenters(found) for topic in node.inputs]
             if inputs and not (self._requested_topic or self._topic in inputs):
                 self._topic = inputs[0]
-            if inputs and self.node.get_publishers_info_by_topic(self._topic):
+            if inputs and _named(self._topic, found).publishers:
                 break
             time.sleep(POLL_INTERVAL_S)
 
@@ -123,60 +124,40 @@ class GraphProbe(AuxiliaryNode):
         pairs = self.node.get_node_names_and_namespaces()
         return sorted(f"{space.rstrip('/')}/{name}" for name, space in pairs if name != self._name)
 
-    def _names(self, node: str, what: str, kind: str) -> list[str]:
-        """Names of a node's interfaces of a type; what: "publisher", "subscriber", "service"."""
-        space, _, base = node.rpartition("/")
-        query = getattr(self.node, f"get_{what}_names_and_types_by_node")
-        try:
-            return [name for name, kinds in query(base, space or "/") if kind in kinds]
-        except rclpy.node.NodeNameNonExistentError:  # it has ended meanwhile
-            return []
-
-    def _segmenters(self) -> list[str]:
-        """Full names of the nodes that publish segments and offer ~/reset, unlike a bag."""
-        prefix = f"{self.node.get_namespace().rstrip('/')}/"
-        segments, reset = topics.SEGMENTS, topics.RESET
-        return sorted(
-            node
-            for node in set(self._other_nodes())
-            if node.startswith(prefix)
-            and self._names(node, "publisher", segments.type)
-            and reset.name.replace("~", node) in self._names(node, "service", reset.type)
-        )
-
-    def _inputs(self, node: str) -> list[str]:
-        return self._names(node, "subscriber", topics.CLOUD)
-
     def _graph(self, seconds: float) -> GraphSnapshot:
-        other_topics = [
-            topic
-            for topic, kinds in self.node.get_topic_names_and_types()
-            if topics.CLOUD in kinds
-            and topic != self._topic
-            and self.node.get_publishers_info_by_topic(topic)
+        found = self._topics()
+        clouds = [topic.name for topic in found if _nodes(topic.publishers, {topics.CLOUD})]
+        segmenters = [
+            replace(segmenter, parameters=self._parameters(segmenter.node))
+            for segmenter in self._segmenters(found)
         ]
         return GraphSnapshot(
-            topic=self._topic_ends(self._topic),
+            topic=_named(self._topic, found),
             seconds=seconds,
             clouds=tuple(self._clouds),
-            other_cloud_topics=tuple(sorted(other_topics)),
-            segmenters=tuple(map(self._segmenter, self._segmenters())),
+            other_cloud_topics=tuple(name for name in clouds if name != self._topic),
+            segmenters=tuple(segmenters),
             nodes=tuple(self._other_nodes()),
-            has_clock=bool(self.node.get_publishers_info_by_topic(topics.CLOCK.name)),
+            has_clock=bool(_named(topics.CLOCK.name, found).publishers),
             namespace=self._namespace,
         )
 
-    def _segmenter(self, name: str) -> SegmenterInfo:
-        outputs = [
-            topic for kind in OUTPUT_TYPES for topic in self._names(name, "publisher", kind)
+    def _segmenters(self, found: list[Topic]) -> list[SegmenterInfo]:
+        """The nodes that publish segments and offer ~/reset, unlike a bag."""
+        prefix = f"{self.node.get_namespace().rstrip('/')}/"
+        services = dict(self.node.get_service_names_and_types())
+        kinds = {topics.SEGMENTS.type}
+        publishers = {node for topic in found for node in _nodes(topic.publishers, kinds)}
+        return [
+            SegmenterInfo(
+                node,
+                tuple(t for t in found if node in _nodes(t.subscribers, {topics.CLOUD})),
+                tuple(t for t in found if node in _nodes(t.publishers, OUTPUT_TYPES)),
+                **self._statuses.get(node, {}),
+            )
+            for node in sorted(publishers)
+            if node.startswith(prefix) and topics.RESET.name.replace("~", node) in services
         ]
-        return SegmenterInfo(
-            node=name,
-            inputs=tuple(map(self._topic_ends, self._inputs(name))),
-            outputs=tuple(map(self._topic_ends, sorted(outputs))),
-            parameters=self._parameters(name),
-            **self._statuses.get(name, {}),
-        )
 
     def _parameters(self, node: str) -> dict[str, Any]:
         """Values of PARAMETERS; empty if the node does not respond or does not know them all."""
@@ -188,14 +169,18 @@ class GraphProbe(AuxiliaryNode):
             return {}
         return dict(zip(PARAMETERS, map(parameter_value_to_python, response.values), strict=True))
 
-    def _topic_ends(self, topic: str) -> Topic:
-        """Publishers, subscriptions and QoS mismatches of a topic, apart from this node's."""
-        publishers = self._others(self.node.get_publishers_info_by_topic(topic))
-        subscriptions = self._others(self.node.get_subscriptions_info_by_topic(topic))
+    def _topics(self) -> list[Topic]:
+        """All topics, sorted, with the endpoints and QoS mismatches of other nodes."""
+        names = sorted(name for name, _ in self.node.get_topic_names_and_types())
+        return [self._read_topic(name) for name in names]
+
+    def _read_topic(self, name: str) -> Topic:
+        publishers = self._others(self.node.get_publishers_info_by_topic(name))
+        subscriptions = self._others(self.node.get_subscriptions_info_by_topic(name))
         pairs = product(publishers, subscriptions)
         mismatches = dict.fromkeys(_mismatch(sender, receiver) for sender, receiver in pairs)
         return Topic(
-            topic,
+            name,
             tuple(map(_endpoint, publishers)),
             tuple(map(_endpoint, subscriptions)),
             tuple(filter(None, mismatches)),
@@ -203,6 +188,15 @@ class GraphProbe(AuxiliaryNode):
 
     def _others(self, ends: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
         return [info for info in ends if info.node_name != self._name]
+
+
+def _named(name: str, found: list[Topic]) -> Topic:
+    return next((topic for topic in found if topic.name == name), Topic(name))
+
+
+def _nodes(ends: tuple[Endpoint, ...], kinds: set[str]) -> set[str]:
+    """Names of the nodes with endpoints of some types."""
+    return {end.node for end in ends if end.msg_type in kinds}
 
 
 def _name(info: TopicEndpointInfo) -> str:

@@ -20,6 +20,7 @@ class Parameters:
     node: created with `automatically_declare_parameters_from_overrides`, so that all values of
         the command line and of YAML files are known, misspelt ones included.
     defaults: records with disjoint names.
+    changed: attribute, called after every change.
     Raises ConfigError, in one line, for an invalid initial value.
     """
 
@@ -29,7 +30,7 @@ class Parameters:
         self._types = {
             name: type(value) for record in defaults for name, value in flatten(record).items()
         }
-        self._changed: Callable[[], None] = lambda: None
+        self.changed: Callable[[], None] = lambda: None
         self._records = self._with(self._initial_values())
         for record in self._records:
             for name, value, about in iterate_settings(record):
@@ -45,10 +46,6 @@ class Parameters:
     def __str__(self) -> str:
         values = (item for record in self._records for item in flatten(record).items())
         return ", ".join(f"{name} {value}" for name, value in values)
-
-    def on_change(self, callback: Callable[[], None]) -> None:
-        """Set the callback that is called after every change."""
-        self._changed = callback
 
     def _initial_values(self) -> dict[str, Any]:
         """Return and undeclare the values given at the start; warn of unknown names."""
@@ -87,7 +84,7 @@ class Parameters:
 
     def _apply(self, parameters: list[Parameter]) -> None:
         self._records = self._with({p.name: p.value for p in parameters})
-        self._changed()
+        self.changed()
 
 
 def descriptor(value: Value, about: Setting) -> msg.ParameterDescriptor:

@@ -39,7 +39,7 @@ class SegmenterNode(Runnable):
         node = self.node
         self.pauses: Pauses = Pauses(*CALLBACK_SHARE)
         self._config, self._node_config = self.parameters.records()
-        self.parameters.on_change(self._apply_parameters)
+        self.parameters.changed = self._apply_parameters
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()

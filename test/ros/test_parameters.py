@@ -81,7 +81,7 @@ def test_changes_are_reported_once_and_refused_ones_are_not(make_node):
     node = make_node()
     parameters = Parameters(node, Config(), NodeConfig())
     told = []
-    parameters.on_change(lambda: told.append(parameters.records()))
+    parameters.changed = lambda: told.append(parameters.records())
     together = [Parameter("criterion", value="density"), Parameter("threshold", value=0.02)]
     assert node.set_parameters_atomically(together).successful
     assert told == [(Config(criterion="density", threshold=0.02), NodeConfig())]
