@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Thread
 from types import FrameType
 
@@ -40,7 +41,8 @@ class ShutdownHandler:
         for number in SIGNALS:
             signal.signal(number, self._on_signal)
         signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-        os.register_at_fork(after_in_child=_detach_wakeup_fd)
+        # Keep signals of a forked child out of the parent's pipe.
+        os.register_at_fork(after_in_child=lambda: signal.set_wakeup_fd(-1))
 
     def finish(self, code: int) -> int:
         """Disarm the watchdog and return `code`; exits the process if a signal has arrived."""
@@ -66,13 +68,6 @@ class ShutdownHandler:
     def _exit(self) -> None:
         """Exit without the interpreter's finalization, which waits for threads."""
         for stream in (sys.stdout, sys.stderr):
-            try:
+            with suppress(OSError, ValueError):  # the reader has closed its end
                 stream.flush()
-            except (OSError, ValueError):  # the reader has closed its end
-                pass
         os._exit(self._exit_code)
-
-
-def _detach_wakeup_fd() -> None:
-    """Keep signals of a forked child out of the parent's pipe."""
-    signal.set_wakeup_fd(-1)

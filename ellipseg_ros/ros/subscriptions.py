@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.event_handler import QoSSubscriptionMatchedInfo, SubscriptionEventCallbacks
@@ -36,25 +37,23 @@ def subscribe_outputs(
             if not pending:
                 on_ready()
 
-    def subscribe(topic: Topic) -> None:
-        def matched(event: QoSSubscriptionMatchedInfo) -> None:
-            if event.current_count:
-                arrived(topic)
+    def matched(topic: Topic, event: QoSSubscriptionMatchedInfo) -> None:
+        if event.current_count:
+            arrived(topic)
 
-        def received(data: bytes) -> None:
-            if topic == ELLIPSOIDS:
-                arrived("markers")
-            on_message(topic.name, data)
-
-        events = SubscriptionEventCallbacks(matched=matched)
-        create_subscription(node, topic, received, DEPTH, raw=True, event_callbacks=events)
+    def received(topic: Topic, data: bytes) -> None:
+        if topic == ELLIPSOIDS:
+            arrived("markers")
+        on_message(topic.name, data)
 
     def diagnosed(msg: DiagnosticArray) -> None:
         for status in segmenter_statuses(node, msg):
             on_diagnostics({item.key: item.value for item in status.values})
 
     for topic in sorted(UPDATE_TOPICS, key=lambda topic: topic == ELLIPSOIDS):
-        subscribe(topic)
+        events = SubscriptionEventCallbacks(matched=partial(matched, topic))
+        callback = partial(received, topic)
+        create_subscription(node, topic, callback, DEPTH, raw=True, event_callbacks=events)
     create_subscription(node, DIAGNOSTICS, diagnosed, DEPTH)
 
 
