@@ -96,20 +96,13 @@ def iterate_settings(config: Checked, prefix: str = "") -> Iterator[tuple[str, V
             yield prefix + item.name, value, item.metadata["setting"]
 
 
-def with_values(config: T, values: dict[str, Any]) -> T:
-    """Copy of `config` with settings by dotted name changed; ConfigError for an unknown name."""
-    known = {item.name: getattr(config, item.name) for item in fields(config)}  # type: ignore[arg-type]  # dataclass
+def with_values(config: T, values: dict[str, Any], prefix: str = "") -> T:
+    """Copy of `config` with settings by dotted name changed; names of others are ignored."""
     changes: dict[str, Any] = {}
-    nested: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        head, _, rest = name.partition(".")
-        if head not in known or bool(rest) != is_dataclass(known[head]):
-            names = ", ".join(flatten(config))  # type: ignore[arg-type]  # only Checked records come here
-            raise ConfigError(f"there is no setting {name}; there are {names}")
-        if rest:
-            nested.setdefault(head, {})[rest] = value
+    for item in fields(config):  # type: ignore[arg-type]  # dataclass
+        value = getattr(config, item.name)
+        if is_dataclass(value):
+            changes[item.name] = with_values(value, values, f"{prefix}{item.name}.")
         else:
-            changes[head] = value
-    for head, inner in nested.items():
-        changes[head] = with_values(known[head], inner)
+            changes[item.name] = values.get(prefix + item.name, value)
     return replace(config, **changes)  # type: ignore[type-var]  # dataclass

@@ -5,7 +5,6 @@ import sys
 import time
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -36,16 +35,10 @@ class Meter:
     started: float = field(default_factory=time.perf_counter)
     last: Segmentation | None = None
 
-    @contextmanager
-    def update(self, group: Sweep) -> Iterator[None]:
-        """Time one update: the `with` block segments `group`."""
+    def add(self, group: Sweep, result: Segmentation, time_s: float) -> None:
+        """Count an update: its joined sweeps, the result, and the duration of `process`."""
+        self.times_s.append(time_s)
         self.points += len(group)
-        start = time.perf_counter()
-        yield
-        self.times_s.append(time.perf_counter() - start)
-
-    def add(self, group: Sweep, result: Segmentation) -> None:
-        """Count the result of an update."""
         first = int(group.times_ns.min(initial=result.end_ns))
         begin = first if self.last is None or result.restart else self.last.end_ns
         self.sensor_ns += max(0, result.end_ns - begin)

@@ -1,5 +1,6 @@
 """`ellipseg segment`: segment a recording like the node does, without ROS."""
 
+import time
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
@@ -38,9 +39,9 @@ def run_updates(
     """Yield the joined sweeps of every update with their result, timed by the meter."""
     segmenter = Segmenter(config)
     for group in updates(sweeps, config):
-        with meter.update(group):
-            result = segmenter.process(group)
-        meter.add(group, result)
+        start = time.perf_counter()
+        result = segmenter.process(group)
+        meter.add(group, result, time.perf_counter() - start)
         yield group, result
 
 

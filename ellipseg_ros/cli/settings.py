@@ -49,8 +49,7 @@ def with_settings(settings: Settings, values: dict[str, Any]) -> Settings:
     if unknown:
         raise ConfigError(f"there is no setting {min(unknown)}; there are {', '.join(defaults)}")
     typed = {name: _typed(name, value, defaults[name]) for name, value in values.items()}
-    of_node = {name: typed.pop(name) for name in flatten(settings.node) if name in typed}
-    return Settings(with_values(settings.config, typed), with_values(settings.node, of_node))
+    return Settings(with_values(settings.config, typed), with_values(settings.node, typed))
 
 
 def parameter_file(values: Mapping[str, Any]) -> str:

@@ -66,20 +66,16 @@ class TuningRun:
     sources: list[str]
     settings: Settings
     criteria: tuple[str, ...]
-    unsorted: list[WindowResult] = field(default_factory=list)  # by time of completion
+    results: list[WindowResult] = field(default_factory=list)  # in the order of the sources
     problems: list[str] = field(default_factory=list)
     reused: int = 0  # windows that an earlier run had finished
 
     def add(self, cut: Cut, curves: Curves, reused: bool = False) -> None:
         """Add the result of a window."""
         span = (cut.start_s, cut.end_s)
-        self.unsorted.append(WindowResult(cut.source, cut.number, *span, len(cut.points), curves))
+        self.results.append(WindowResult(cut.source, cut.number, *span, len(cut.points), curves))
+        self.results.sort(key=lambda r: (self.sources.index(r.source), r.window))
         self.reused += reused
-
-    @property
-    def results(self) -> list[WindowResult]:
-        """The windows in the order of the sources."""
-        return sorted(self.unsorted, key=lambda r: (self.sources.index(r.source), r.window))
 
     def choices(self) -> dict[str, Choice]:
         """The chosen threshold of every criterion."""
@@ -96,7 +92,7 @@ class TuningRun:
             "ellipseg": version("ellipseg_ros"),
             "sources": self.sources,
             "settings": flatten(self.settings.config),
-            "windows": len(self.unsorted),
+            "windows": len(self.results),
             "finished_before": self.reused,
             "problems": self.problems,
             "choices": {name: asdict(choice) for name, choice in self.choices().items()},

@@ -10,32 +10,32 @@ import numpy as np
 from ellipseg_ros.cli.report import Summary
 from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.io.bag import read_messages
-from ellipseg_ros.io.messages import write_landmarks
-from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled
-from ellipseg_ros.io.segment_stream import SegmentStream
+from ellipseg_ros.io.pointcloud2 import read_fields
+from ellipseg_ros.io.topics import LANDMARKS, SEGMENTED_POINTS, SEGMENTS, Topic
+from ellipseg_ros.io.update_messages import UpdateMessages
 from ellipseg_ros.records import Array, Segmentation, Sweep
+
+COMPARED = (SEGMENTED_POINTS, SEGMENTS, LANDMARKS)  # markers depend on the subscribers
 
 
 @dataclass(frozen=True)
 class RecordedUpdate:
     """The messages of one update of the node."""
 
-    cloud: bytes
+    messages: dict[Topic, bytes]  # those of COMPARED that were published
     labels: Array  # (n,) uint32: a field of the cloud
     objects: Array  # (n,) uint32
-    segments: bytes
-    landmarks: bytes | None  # None: not published
     message: Any  # `segments`, decoded: a SegmentArray
 
 
 def recorded_updates(bag: Path) -> Iterator[RecordedUpdate]:
     """Yield the updates in a bag, in order."""
-    clouds = read_messages(bag, "/segmented_points")
-    arrays = read_messages(bag, "/segments")
-    landmarks = {msg.sequence: data for data, msg in read_messages(bag, "/landmarks")}
+    clouds, arrays, landmarks = (read_messages(bag, f"/{topic.name}") for topic in COMPARED)
+    of_update = {msg.sequence: {LANDMARKS: data} for data, msg in landmarks}
     for (cloud, cloud_msg), (segments, msg) in zip(clouds, arrays, strict=False):
-        fields, of_update = read_fields(cloud_msg), landmarks.get(msg.sequence)
-        yield RecordedUpdate(cloud, fields["label"], fields["object"], segments, of_update, msg)
+        messages = {SEGMENTED_POINTS: cloud, SEGMENTS: segments} | of_update.get(msg.sequence, {})
+        fields = read_fields(cloud_msg)
+        yield RecordedUpdate(messages, fields["label"], fields["object"], msg)
 
 
 def equal(received: bytes, sent: bytes) -> bool:
@@ -58,18 +58,19 @@ class Verification:
     _window: list[Array] = field(default_factory=list)  # (n,) ns: times of the points in it
 
     def __post_init__(self) -> None:
-        self._stream = SegmentStream(self.config)
+        self._messages = UpdateMessages(self.config)
 
     def update(self, group: Sweep, result: Segmentation, node: RecordedUpdate) -> None:
         """Compare one update: the points sent for it, the offline result, the node's messages."""
         self.updates += 1
         self._count_points(group, result, node)
-        equal_topics = {
-            "segmented_points": equal(node.cloud, write_labelled(result)),
-            "segments": equal(node.segments, self._stream.update(result)),
-            "landmarks": _equal_landmarks(result, node.landmarks),
-        }
-        different = [topic for topic, is_equal in equal_topics.items() if not is_equal]
+        writers = self._messages.writers(result)
+        sent = {topic: writers[topic]() for topic in COMPARED if topic in writers}
+        different = [
+            topic.name
+            for topic in COMPARED
+            if not equal(node.messages.get(topic, b""), sent.get(topic, b""))
+        ]
         self.identical += not different
         if different:
             text = f"update {self.updates} differs from the offline result"
@@ -107,10 +108,3 @@ class Verification:
         segments = f"`segments` counts {total}, {counts.segmented} of them segmented"
         text = f"update {self.updates}: the window must have {expected} points"
         self.problems.append(f"{text}; {segments}; {points}")
-
-
-def _equal_landmarks(result: Segmentation, received: bytes | None) -> bool:
-    """Whether the landmarks equal those of the result, or both have none."""
-    if result.landmarks is None or received is None:
-        return result.landmarks is None and received is None
-    return equal(received, write_landmarks(result, result.landmarks))

@@ -161,19 +161,16 @@ class BagSink:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is not None:
-            self._remove()
-            return
+        complete = False
         try:
-            with write_errors(self.path):
-                self._writer.close()
-        except BaseException:
-            self._remove()
-            raise
-
-    def _remove(self) -> None:
-        self._writer.abort()
-        shutil.rmtree(self.path, ignore_errors=True)
+            if kind is None:
+                with write_errors(self.path):
+                    self._writer.complete()
+                complete = True
+        finally:
+            self._writer.close_file()
+            if not complete:
+                shutil.rmtree(self.path, ignore_errors=True)
 
     def write_points(self, sweep: Sweep) -> None:
         """Write an input cloud, on /points."""

@@ -52,7 +52,7 @@ class _Storage(McapWriter):
         return self.chunk.bio.tell() + self.bio.tell() - self.end
 
     def abort(self) -> None:
-        """Close the file without an index of the pending content."""
+        """Close the file; pending content has no index."""
         with suppress(OSError):  # a full disk
             self.bio.close()
 
@@ -82,7 +82,7 @@ class BagWriter:
             self._storage = cast(_Storage, self._writer.storage)
             self._messages = 0  # written
             self._messages_in_metadata = 0
-            self._flush_all()
+            self.complete()
         except BaseException:
             shutil.rmtree(path, ignore_errors=True)
             raise
@@ -102,25 +102,18 @@ class BagWriter:
     def end_update(self) -> None:
         """Flush, unless the pending content is small compared with the index of a long bag."""
         if self._storage.pending_bytes >= self._storage.index_bytes // MAX_INDEX_RATIO:
-            self._flush()
+            # metadata.yaml, which is slow to write, only after a tenth more.
+            if self._messages > 1.1 * self._messages_in_metadata:
+                self.complete()
+            else:
+                self._storage.close(BAG_VERSION, self._storage.metadata)
 
-    def close(self) -> None:
-        """Flush everything and close the bag."""
-        self._flush_all()
-        self._storage.abort()
-
-    def abort(self) -> None:
-        """Close the file of a bag that is not needed."""
-        self._storage.abort()
-
-    def _flush(self) -> None:
-        """Complete the file; metadata.yaml, which is slow to write, only after a tenth more."""
-        if self._messages > 1.1 * self._messages_in_metadata:
-            self._flush_all()
-        else:
-            self._storage.close(BAG_VERSION, self._storage.metadata)
-
-    def _flush_all(self) -> None:
+    def complete(self) -> None:
+        """Flush everything, including metadata.yaml."""
         self._writer.close()
         self._writer.storage = self._storage  # for further messages
         self._messages_in_metadata = self._messages
+
+    def close_file(self) -> None:
+        """Close the file; content that is not flushed has no index."""
+        self._storage.abort()

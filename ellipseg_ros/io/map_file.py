@@ -42,36 +42,31 @@ def read_map(path: Path) -> StoredMap:
         check_archive(path, MAX_UNPACKED_BYTES)
         with np.load(path, allow_pickle=False) as file:
             values = {name: file[name] for name in NAMES if name in file.files}
+        return _checked(values)
     except FileNotFoundError as error:
         raise InputError(f"there is no file {path}", "map") from error
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}", "map") from error
     except Exception as error:  # of zipfile, zlib, struct, numpy and its parser: nearly anything
         raise InputError(f"{path} is no map of landmarks: {reason(error)}", "map") from error
-    return _checked(path, values)
 
 
-def _checked(path: Path, values: dict[str, Array]) -> StoredMap:
+def _checked(values: dict[str, Array]) -> StoredMap:
+    """The map from the arrays of a file; raises InputError if it is not valid."""
     missing = [name for name in NAMES if name not in values]
     if missing:
-        raise InputError(f"{path} is no map of landmarks: it has no {missing[0]}", "map")
+        raise InputError(f"it has no {missing[0]}")
     if str(values["format"]) != FORMAT:
-        raise InputError(f"{path} is no map of landmarks: its format is another", "map")
+        raise InputError("its format is another")
     if values["version"].shape != () or values["version"] != VERSION:
-        raise InputError(
-            f"{path} is a map of version {values['version']}; this program reads {VERSION}", "map"
-        )
+        raise InputError(f"it has version {values['version']}; this program reads {VERSION}")
     scalar = all(values[name].shape == () for name in ("frame_id", "next_id"))
     if not scalar or values["next_id"].dtype.kind not in "iu":
-        raise InputError(f"{path}: frame_id must be a text, next_id an integer", "map")
-    if values["last_seen_ns"].dtype != np.int64 or values["last_seen_ns"].ndim != 1:
-        raise InputError(f"{path}: last_seen_ns must be a row of int64", "map")
+        raise InputError("frame_id must be a text, next_id an integer")
+    last_seen_ns = values["last_seen_ns"]
+    if last_seen_ns.dtype != np.int64 or last_seen_ns.ndim != 1:
+        raise InputError("last_seen_ns must be a row of int64")
     if values["ids"].ndim != 1:
-        raise InputError(f"{path}: ids must be a row", "map")
-    try:
-        landmarks = Landmarks(**{name: values[name] for name in ROW_SHAPES})
-        return StoredMap(
-            landmarks, values["last_seen_ns"], str(values["frame_id"]), int(values["next_id"])
-        )
-    except InputError as error:
-        raise InputError(f"{path}: {error}", "map") from error
+        raise InputError("ids must be a row")
+    landmarks = Landmarks(**{name: values[name] for name in ROW_SHAPES})
+    return StoredMap(landmarks, last_seen_ns, str(values["frame_id"]), int(values["next_id"]))

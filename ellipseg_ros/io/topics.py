@@ -19,7 +19,6 @@ class Topic(NamedTuple):
     subscribers: tuple[str, ...] = ()  # likewise
     depth: int = 10  # messages kept for a slow subscriber
     latched: bool = False  # late subscribers get the last message (durability transient local)
-    in_bag: bool = False  # part of recordings; header first, apart from markers
 
 
 class Service(NamedTuple):
@@ -32,37 +31,27 @@ class Service(NamedTuple):
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 MARKERS = "visualization_msgs/msg/MarkerArray"
+SEGMENT_ARRAY = "ellipseg_ros/msg/SegmentArray"
+LANDMARK_ARRAY = "ellipseg_ros/msg/LandmarkArray"
+CURVE = "ellipseg_ros/msg/TuningCurve"
 TRIGGER = "std_srvs/srv/Trigger"
 
 # The segmenter's subscription has the depth and reliability of its parameters input_*.
-POINTS = Topic("points", CLOUD, (REPLAYER,), (SEGMENTER,), depth=1000, in_bag=True)
-SEGMENTED_POINTS = Topic("segmented_points", CLOUD, (SEGMENTER,), in_bag=True)
-ELLIPSOIDS = Topic("ellipsoids", MARKERS, (SEGMENTER,), in_bag=True)
-LANDMARKS = Topic(
-    "landmarks", "ellipseg_ros/msg/LandmarkArray", (SEGMENTER,), (ASSOCIATOR,), in_bag=True
-)
-SEGMENTS = Topic(
-    "segments", "ellipseg_ros/msg/SegmentArray", (SEGMENTER,), (REPLAYER,), in_bag=True
-)
-TUNING_CURVE = Topic(
-    "tuning_curve", "ellipseg_ros/msg/TuningCurve", (SEGMENTER,), depth=1, latched=True
-)
+POINTS = Topic("points", CLOUD, (REPLAYER,), (SEGMENTER,), depth=1000)
+SEGMENTED_POINTS = Topic("segmented_points", CLOUD, (SEGMENTER,))
+ELLIPSOIDS = Topic("ellipsoids", MARKERS, (SEGMENTER,))
+LANDMARKS = Topic("landmarks", LANDMARK_ARRAY, (SEGMENTER,), (ASSOCIATOR,))
+SEGMENTS = Topic("segments", SEGMENT_ARRAY, (SEGMENTER,), (REPLAYER,))
+TUNING_CURVE = Topic("tuning_curve", CURVE, (SEGMENTER,), depth=1, latched=True)
 ASSOCIATIONS = Topic("associations", "ellipseg_ros/msg/Association", (ASSOCIATOR,))
 ASSOCIATION_MARKERS = Topic("association_markers", MARKERS, (ASSOCIATOR,))
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", (SEGMENTER, ASSOCIATOR))
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", (REPLAYER,), (SEGMENTER, ASSOCIATOR))
-TOPICS = (
-    POINTS,
-    SEGMENTED_POINTS,
-    ELLIPSOIDS,
-    LANDMARKS,
-    SEGMENTS,
-    TUNING_CURVE,
-    ASSOCIATIONS,
-    ASSOCIATION_MARKERS,
-    DIAGNOSTICS,
-    CLOCK,
-)
+
+# What the segmenter publishes of every update, also in bags; header first, apart from markers.
+UPDATE_TOPICS = (SEGMENTED_POINTS, ELLIPSOIDS, LANDMARKS, SEGMENTS)
+ASSOCIATOR_TOPICS = (ASSOCIATIONS, ASSOCIATION_MARKERS)
+TOPICS = (POINTS, *UPDATE_TOPICS, TUNING_CURVE, *ASSOCIATOR_TOPICS, DIAGNOSTICS, CLOCK)
 
 RESET = Service("~/reset", TRIGGER, SEGMENTER)
 TUNE = Service("~/tune", TRIGGER, SEGMENTER)
@@ -72,6 +61,4 @@ CLEAR = Service("~/clear", TRIGGER, ASSOCIATOR)
 PAUSE = Service("~/pause", "std_srvs/srv/SetBool", REPLAYER)
 SERVICES = (RESET, TUNE, SAVE, LOAD, CLEAR, PAUSE)
 
-# What the segmenter publishes of every update.
-UPDATE_TOPICS = tuple(topic for topic in TOPICS if topic.in_bag and SEGMENTER in topic.publishers)
-BAG_TOPICS = {f"/{topic.name}": topic for topic in TOPICS if topic.in_bag}  # by name in a bag
+BAG_TOPICS = {f"/{topic.name}": topic for topic in (POINTS, *UPDATE_TOPICS)}  # by name in a bag

@@ -39,10 +39,9 @@ def terms(axes: Axes, curves: Sequence[Curve], choice: Choice) -> None:
     """AICc, variance and bias term over the threshold, summed over the windows."""
     points = max(1, sum(curve.points for curve in curves))
     thresholds = _thresholds(curves)
-    at = np.log(thresholds)
     labels = {"aicc": "AICc", "variance": "variance term", "bias": "bias term"}
     for (name, label), colour in zip(labels.items(), (INK, BLUE, ORANGE), strict=True):
-        total = sum(np.interp(at, *_over_log(curve, getattr(curve, name))) for curve in curves)
+        total = sum(curve.at(thresholds, getattr(curve, name)) for curve in curves)
         axes.semilogx(thresholds, total / points, color=colour, linewidth=2, label=label)
         if name == "aicc":
             row = int(np.argmin(np.abs(thresholds - choice.threshold)))
@@ -108,11 +107,6 @@ def _thresholds(curves: Sequence[Curve]) -> Array:
 def _opacity(curves: Sequence[Curve]) -> float:
     """Opacity of a line: the lower, the more there are."""
     return float(np.clip(3.0 / len(curves), 0.15, 0.9))
-
-
-def _over_log(curve: Curve, values: Array) -> tuple[Array, Array]:
-    rows = curve.threshold > 0.0
-    return np.log(curve.threshold[rows]), values[rows]
 
 
 def mark(

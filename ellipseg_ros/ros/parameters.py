@@ -61,10 +61,7 @@ class Parameters:
 
     def _with(self, values: dict[str, Any]) -> tuple[Checked, ...]:
         """Copies of the records with changed values; raises ConfigError."""
-        return tuple(
-            with_values(record, {name: values[name] for name in flatten(record) if name in values})
-            for record in self._records
-        )
+        return tuple(with_values(record, values) for record in self._records)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Convert integers to doubles where declared: a user may set `threshold 4`."""

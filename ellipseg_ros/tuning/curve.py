@@ -53,12 +53,16 @@ class Curve:
         return int(np.flatnonzero(self.threshold == threshold)[0])
 
     def loss_at(self, thresholds: Array) -> Array:
-        """The loss at any thresholds (m,): between those of the curve linear in log threshold.
+        """The loss at any thresholds (m,); see `at`."""
+        return self.at(thresholds, self.loss)
 
-        Beyond the ends it is that at the end.
+    def at(self, thresholds: Array, values: Array) -> Array:
+        """Values (t,) at any thresholds (m,): between those of the curve linear in log threshold.
+
+        Beyond the ends they are those at the end.
         """
         logs = [np.log(np.maximum(x, MIN_THRESHOLD)) for x in (thresholds, self.threshold)]
-        return np.interp(*logs, self.loss)
+        return np.interp(*logs, values)
 
     def with_rows_of(self, other: "Curve") -> "Curve":
         """The curve joined with another one of the same window."""

@@ -64,16 +64,8 @@ def _completed(pending: "dict[Future[Curves], Task]") -> Iterator[Outcome]:
 @contextmanager
 def this_process() -> Iterator[Workers]:
     """This process alone: one task after the other, each on all cores."""
-
-    def submit(task: Task) -> "Future[Curves]":
-        future: Future[Curves] = Future()
-        try:
-            future.set_result(run(task))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    yield Workers(1, submit)
+    with futures.ThreadPoolExecutor(1) as pool:
+        yield Workers(1, lambda task: pool.submit(run, task))
 
 
 @contextmanager

@@ -190,6 +190,7 @@ ERRORS = {
     "not whole": (["segment", "yard", "--set", "input_depth=1.5"], "must be a whole number"),
     "unknown criterion": (["segment", "yard", "--criterion", "y"], "one of shape, density"),
     "unknown setting": (["segment", "yard", "--set", "neighbors=5"], "graph.neighbours"),
+    "group, not setting": (["segment", "yard", "--set", "graph=5"], "there is no setting graph;"),
     "no value": (["segment", "yard", "--set", "threshold"], "--set name=value"),
     "no parameter file": (["segment", "yard", "--params", "no.yaml"], "no.yaml: No such file"),
     "broken parameter file": (["segment", "yard", "--params", "words.txt"], "is no YAML"),

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from point_accounting import Account
 
-from ellipseg_ros.cli.verification import RecordedUpdate, Verification
+from ellipseg_ros.cli.verification import COMPARED, RecordedUpdate, Verification
 from ellipseg_ros.config import Config
 from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.messages import write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
-from ellipseg_ros.io.topics import SEGMENTS
+from ellipseg_ros.io.topics import LANDMARKS, SEGMENTED_POINTS, SEGMENTS
 from ellipseg_ros.records import SECOND, State, Sweep
 from ellipseg_ros.segmenter import Segmenter
 
@@ -38,15 +38,18 @@ def stream():
 
 def recorded(result):
     """The messages of a correct node."""
-    segments = write_segments(result)
-    return RecordedUpdate(
-        write_labelled(result),
-        result.point_ids,
-        result.point_object_ids,
-        segments,
-        write_landmarks(result, result.landmarks),
-        node_types().deserialize_cdr(segments, SEGMENTS.type),
-    )
+    messages = {
+        SEGMENTED_POINTS: write_labelled(result),
+        SEGMENTS: write_segments(result),
+        LANDMARKS: write_landmarks(result, result.landmarks),
+    }
+    message = node_types().deserialize_cdr(messages[SEGMENTS], SEGMENTS.type)
+    return RecordedUpdate(messages, result.point_ids, result.point_object_ids, message)
+
+
+def replaced(node, topic, convert):
+    """An update with another message on a topic, from that of the node."""
+    return replace(node, messages=node.messages | {topic: convert(node.messages[topic])})
 
 
 def verify(stream, change=lambda k, node: node):
@@ -79,10 +82,22 @@ def test_correct_node_passes(stream):
 
 
 def test_padding_of_dds_is_no_difference(stream):
-    padded = verify(stream, lambda k, node: replace(node, cloud=node.cloud + bytes(k % 4)))
+    padded = verify(
+        stream, lambda k, node: replaced(node, SEGMENTED_POINTS, lambda data: data + bytes(k % 4))
+    )
     assert padded.passed
-    longer = verify(stream, lambda k, node: replace(node, segments=node.segments + bytes(4)))
+    longer = verify(stream, lambda k, node: replaced(node, SEGMENTS, lambda data: data + bytes(4)))
     assert longer.identical == 0
+
+
+def test_landmarks_that_were_not_published_are_a_difference(stream):
+    def change(k, node):
+        published = {topic: node.messages[topic] for topic in (SEGMENTED_POINTS, SEGMENTS)}
+        return replace(node, messages=published) if k == 3 else node
+
+    verification = verify(stream, change)
+    assert verification.identical == 4
+    assert verification.problems == ["update 4 differs from the offline result: landmarks"]
 
 
 def test_missing_update_fails(stream):
@@ -112,14 +127,14 @@ def test_point_without_its_label_fails(stream):
     assert verify(stream, change).complete == 0
 
 
-@pytest.mark.parametrize("part", ["cloud", "segments"])
-def test_one_different_bit_fails(stream, part):
-    def change(k, node):
-        data = bytearray(getattr(node, part))
+@pytest.mark.parametrize("topic", COMPARED)
+def test_one_different_bit_fails(stream, topic):
+    def flip(message):
+        data = bytearray(message)
         data[len(data) // 2] ^= 1
-        return replace(node, **{part: bytes(data)})
+        return bytes(data)
 
-    verification = verify(stream, change)
+    verification = verify(stream, lambda k, node: replaced(node, topic, flip))
     assert verification.complete == 5 and verification.identical == 0 and not verification.passed
 
 

@@ -68,13 +68,13 @@ def test_an_update_has_a_message_for_each_topic_and_segments_are_last():
     assert list(writers)[-1] == SEGMENTS
 
 
-def test_a_bag_holds_exactly_the_topics_marked_in_bag(tmp_path):
+def test_a_bag_holds_exactly_the_bag_topics(tmp_path):
     with BagSink(tmp_path / "bag") as bag:
         bag.write_points(Sweep(SECOND, np.zeros((1, 3))))
         bag.write_update(segmentation())
     with Reader(tmp_path / "bag") as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
-    assert types == {f"/{topic.name}": topic.type for topic in TOPICS if topic.in_bag}
+    assert types == {name: topic.type for name, topic in BAG_TOPICS.items()}
 
 
 def test_the_recorder_knows_which_messages_begin_with_a_header():
