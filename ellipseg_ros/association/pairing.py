@@ -181,9 +181,7 @@ def _frame_between(one, other, kind, transform, frame):
     Only the direction is rotated. A blob has none: its axes are those of the world.
     """
     if kind == BLOB:
-        for k in range(3):
-            for a in range(3):
-                frame[k, a] = 1.0 if a == k else 0.0
+        frame[:] = np.eye(3)
         return 0.0, 0.0, 0.0
     axis = DIRECTION[kind]
     second, third = (axis + 1) % 3, (axis + 2) % 3

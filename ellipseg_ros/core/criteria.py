@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.jit import for_rows, inlined, kernel
+from ellipseg_ros.core.linalg.vectors import difference, norm, row
 from ellipseg_ros.core.moments import unite
 from ellipseg_ros.records import Array
 
@@ -20,9 +21,7 @@ class Criterion(NamedTuple):
     about: str
     unit: str  # of the threshold; empty: none
     default_threshold: float
-    search_range: tuple[
-        float, float
-    ]  # thresholds that tuning tries: hardly any merge to nearly all
+    search_range: tuple[float, float]  # that tuning tries: from hardly any merge to nearly all
 
 
 CRITERIA = {
@@ -187,9 +186,6 @@ def _masses(start, stop, points, knn_indices, rows, masses):
             if j < 0:
                 break
             neighbours += 1
-            dx = points[j, 0] - points[i, 0]
-            dy = points[j, 1] - points[i, 1]
-            dz = points[j, 2] - points[i, 2]
-            total += math.sqrt(dx * dx + dy * dy + dz * dz)
+            total += norm(difference(row(points, j), row(points, i)))
         mean = total / max(1, neighbours)
         masses[i] = mean * mean

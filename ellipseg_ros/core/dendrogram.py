@@ -6,7 +6,7 @@ import numpy as np
 
 from ellipseg_ros.core.edge_sorting import EDGE
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.core.rows import Renumbering, row_map
+from ellipseg_ros.core.rows import row_map
 from ellipseg_ros.records import Array
 
 NONE = -1  # no parent, no child, no segment
@@ -50,54 +50,33 @@ def new_dendrogram(moments: Array) -> Dendrogram:
     )
 
 
-def renumber_dendrogram(old: Dendrogram, change: Renumbering, moments: Array) -> Dendrogram:
+def renumber_dendrogram(old: Dendrogram, kept: Array, moments: Array) -> Dendrogram:
     """The same unions after the rows of the vertices were renumbered; in place if it has room.
 
-    moments (2 capacity,): of the graph, the vertices moved already.
+    kept (n,), ascending: the rows that are 0 to n - 1 now; moments (2 capacity,): of the graph,
+    the vertices moved already.
     """
-    size, kept, capacity = len(old.active), change.kept_rows, change.capacity
+    size, capacity = len(old.active), len(moments) // 2
     new = old if moments is old.moments else new_dendrogram(moments)
     unions = size + np.flatnonzero(old.left[size:] != NONE)
+    places = unions if new is old else np.arange(capacity, capacity + len(unions))
     new_nodes = row_map(kept, 2 * size)
-    new_nodes[unions] = unions if new is old else np.arange(capacity, capacity + len(unions))
-    _move_nodes(old, kept, unions, new_nodes, new)
+    new_nodes[unions] = places
     if new is not old:
-        new.moments[new_nodes[unions]] = old.moments[unions]
+        new.moments[places] = old.moments[unions]
         new.free[-1] = capacity - len(unions)
+    new.distance[places], new.made[places] = old.distance[unions], old.made[unions]
+    for end in ("i", "j"):
+        new.made[end][places] = new_nodes[new.made[end][places]]
+    nodes, targets = np.append(kept, unions), np.append(np.arange(len(kept)), places)
+    new.value[targets], new.segment[targets] = old.value[nodes], old.segment[nodes]
+    for link, target in ((old.parent, new.parent), (old.left, new.left), (old.right, new.right)):
+        target[targets] = new_nodes[link[nodes]]
+    new.root[: len(kept)] = new_nodes[old.root[kept]]
     new.parent[len(kept) : capacity] = NONE
     new.segment[len(kept) : capacity] = NONE
     new.root[len(kept) :] = NONE
     return new
-
-
-@kernel
-def _move_nodes(old, kept, unions, new_nodes, new):
-    """Copy vertices and unions to their new nodes; these ascend, so that it may be in place."""
-    _copy(old.value, kept, new_nodes, new.value)
-    _copy(old.value, unions, new_nodes, new.value)
-    _copy(old.distance, unions, new_nodes, new.distance)
-    _copy(old.made, unions, new_nodes, new.made)
-    _copy(old.segment, kept, new_nodes, new.segment)
-    _copy(old.segment, unions, new_nodes, new.segment)
-    _relink(old.root, kept, new_nodes, new.root)
-    for node in unions:
-        edge = new.made[new_nodes[node]]
-        edge.i, edge.j = new_nodes[edge.i], new_nodes[edge.j]
-    for link, target in ((old.parent, new.parent), (old.left, new.left), (old.right, new.right)):
-        _relink(link, kept, new_nodes, target)
-        _relink(link, unions, new_nodes, target)
-
-
-@kernel
-def _copy(column, nodes, new_nodes, target):
-    for node in nodes:
-        target[new_nodes[node]] = column[node]
-
-
-@kernel
-def _relink(link, nodes, new_nodes, target):
-    for node in nodes:
-        target[new_nodes[node]] = new_nodes[link[node]]
 
 
 @kernel

@@ -10,7 +10,6 @@ from ellipseg_ros.records import Array
 DIGIT_BITS = 11  # of a pass; three passes sort by the upper half of a positive float64
 BUCKETS = 1 << DIGIT_BITS
 EDGES_PER_PART = 100_000  # sorted at a time by a thread: their keys fit its cache
-INSERTION_MAX_EDGES = 24  # a run of equal keys up to this length is sorted by insertion
 
 
 class Edges(NamedTuple):
@@ -96,10 +95,8 @@ def _sort(start, stop, all_keys, all_rows, made, ascending):
     first, count = 0, stop - start
     for last in range(1, count + 1):
         if last == count or keys[last] != keys[first]:
-            if 1 < last - first <= INSERTION_MAX_EDGES:
-                _insertion(rows, first, last, made)
-            elif last - first > INSERTION_MAX_EDGES:
-                _heap(rows[first:last], made)
+            if last - first > 1:
+                _heap_sort(rows[first:last], made)
             first = last
     weight, i, j = ascending
     for k in range(count):
@@ -145,19 +142,8 @@ def _row_before(a, b, made):
 
 
 @kernel
-def _insertion(rows, first, last, made):
-    for t in range(first + 1, last):
-        row = rows[t]
-        slot = t
-        while slot > first and _row_before(row, rows[slot - 1], made):
-            rows[slot] = rows[slot - 1]
-            slot -= 1
-        rows[slot] = row
-
-
-@kernel
-def _heap(rows, made):
-    """Heap sort (Williams 1964): no worse on many equal keys, as duplicate points make."""
+def _heap_sort(rows, made):
+    """Sort by (weight, i, j) in place (Williams 1964): no worse on many equal weights."""
     size = len(rows)
     build = size // 2
     while size > 1:

@@ -28,13 +28,6 @@ class Update(NamedTuple):
     status: Array  # (rows,) uint8: KEPT, DIRTY, or 0 where the row is no vertex now
 
 
-def renumber_edges(edges: Edges, kept_rows: Array) -> Edges:
-    """The edges when `kept_rows` (n,), ascending, have become rows 0 to n - 1."""
-    new_rows = np.zeros(int(kept_rows.max(initial=-1)) + 1, np.int32)
-    new_rows[kept_rows] = np.arange(len(kept_rows))
-    return Edges(edges.weight, new_rows[edges.i], new_rows[edges.j])
-
-
 def update_edges(
     edges: Edges, knn_indices: Array, moments: Array, dirty: Array, member: Array
 ) -> Edges:

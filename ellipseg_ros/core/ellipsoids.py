@@ -3,7 +3,8 @@
 import numpy as np
 
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.moments import no_moments, shape
+from ellipseg_ros.core.linalg.vectors import difference, row
+from ellipseg_ros.core.moments import add_products, no_moments, shape
 from ellipseg_ros.records import Array
 
 
@@ -101,13 +102,7 @@ def _sum_points(points, labels, changed, moments):
         if s < 0 or not changed[s]:
             continue
         m = moments[s]
-        dx, dy, dz = points[i, 0] - m.mean_x, points[i, 1] - m.mean_y, points[i, 2] - m.mean_z
-        m.xx += dx * dx
-        m.xy += dx * dy
-        m.xz += dx * dz
-        m.yy += dy * dy
-        m.yz += dy * dz
-        m.zz += dz * dz
+        add_products(m, difference(row(points, i), (m.mean_x, m.mean_y, m.mean_z)))
     for s in range(len(moments)):
         if changed[s]:
             m = moments[s]

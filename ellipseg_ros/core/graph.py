@@ -1,7 +1,7 @@
 """The k-nearest-neighbour graph of the points in the window, kept up to date.
 
 Rows are points in the order of arrival, so that ties by row are ties by arrival. A row is not used
-twice; when many are dead, the living ones get new numbers (`GraphChange.renumbering`).
+twice; when many are dead, the living ones get new numbers (`GraphChange.kept_rows`).
 """
 
 import copy
@@ -11,14 +11,15 @@ import numpy as np
 
 from ellipseg_ros.config import GraphConfig
 from ellipseg_ros.core.edge_sorting import no_edges
-from ellipseg_ros.core.edges import renumber_edges, update_edges
+from ellipseg_ros.core.edges import update_edges
 from ellipseg_ros.core.ellipsoids import initial_ellipsoids
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.knn.invalidation import lacks_neighbour
-from ellipseg_ros.core.knn.search import Search
+from ellipseg_ros.core.knn import kdtree
+from ellipseg_ros.core.knn.invalidation import lacks_neighbour, rows_gaining, rows_losing
+from ellipseg_ros.core.knn.search import Search, search_neighbours
 from ellipseg_ros.core.knn.trees import Trees
 from ellipseg_ros.core.moments import no_moments
-from ellipseg_ros.core.rows import Renumbering, moved, row_map
+from ellipseg_ros.core.rows import moved, row_map
 from ellipseg_ros.core.window import Arrivals
 from ellipseg_ros.records import Array
 
@@ -36,7 +37,7 @@ class GraphChange(NamedTuple):
     dirty: Array  # members whose neighbours changed, new ones included
     removed: Array  # members before the update, not after it
     member: Array  # the vertices
-    renumbering: Renumbering | None = None  # of the rows, before everything else
+    kept_rows: Array | None = None  # (n,) ascending: old rows that are 0 to n - 1 now; None: all
 
     def without_changes(self) -> "GraphChange":
         """The change of an update that changes nothing."""
@@ -66,14 +67,14 @@ class Graph:
 
     def update(self, arrivals: Arrivals) -> GraphChange:
         """Add the new points, remove the expired ones, and renew what that changes."""
-        renumbering = self._make_room(len(arrivals.points))
+        kept_rows = self._make_room(len(arrivals.points))
         change = self._update_neighbours(arrivals)
         rows = np.flatnonzero(change.dirty)
         initial_ellipsoids(self.points, self.knn_indices, rows, self.moments)
         self.edges = update_edges(
             self.edges, self.knn_indices, self.moments, change.dirty, change.member
         )
-        return change._replace(renumbering=renumbering)
+        return change._replace(kept_rows=kept_rows)
 
     def with_own_unions(self) -> "Graph":
         """The same graph, read only but for the room of the unions: for a Merge of its own."""
@@ -81,8 +82,8 @@ class Graph:
         graph.moments = self.moments.copy()
         return graph
 
-    def _make_room(self, arriving: int) -> Renumbering | None:
-        """Drop the dead rows where they are many, or where no room is left."""
+    def _make_room(self, arriving: int) -> Array | None:
+        """Drop the dead rows where they are many, or no room is left; returns those kept, then."""
         capacity = len(self.state)
         living = np.flatnonzero(self.state)
         dead = self.count - len(living)
@@ -93,11 +94,12 @@ class Graph:
         if needed > (1.0 - DEAD_SHARE / 2.0) * capacity or capacity > max_capacity:
             capacity = round(SPARE_FACTOR * needed) if len(living) else needed
         self._renumber(living, capacity)
-        return Renumbering(living, capacity)
+        return living
 
     def _renumber(self, kept_rows: Array, capacity: int) -> None:
         count, new_rows = len(kept_rows), row_map(kept_rows, self.count)
-        self.edges = renumber_edges(self.edges, kept_rows)
+        edges = self.edges
+        self.edges = edges._replace(i=new_rows[edges.i], j=new_rows[edges.j])
         self.knn_indices = moved(self.knn_indices, kept_rows, capacity)
         self.knn_indices[:count] = new_rows[self.knn_indices[:count]]
         self._squared = moved(self._squared, kept_rows, capacity)
@@ -134,7 +136,8 @@ class Graph:
         settled = member & ~searched
         if settled.any():
             entered = np.flatnonzero(connected & ~was_member)
-            again |= self._trees.gaining(self.points, entered, self._query(settled, MEMBER))
+            nearer = kdtree.build(self.points, entered)
+            again |= rows_gaining(self._trees.trees, nearer, self._query(settled, MEMBER))
         self._search(again, MEMBER)
         self.knn_indices[searched & ~connected] = -1
         return GraphChange(connected | again, was_member & ~member, member)
@@ -153,10 +156,11 @@ class Graph:
         return Search(rows, self.state, min_state, self.knn_indices, self._squared)
 
     def _search(self, rows: Array, min_state: int) -> None:
-        self._trees.search(self._query(rows, min_state))
+        search_neighbours(self._trees.trees, self._query(rows, min_state))
 
     def _losing(self, rows: Array, left: Array) -> Array:
-        return self._trees.losing(self.points, left, self._query(rows, MEMBER))
+        leaving = kdtree.build(self.points, left)
+        return rows_losing(self._trees.trees, leaving, self._query(rows, MEMBER))
 
     def _has_isolated_neighbour(self, rows: Array) -> Array:
         """(rows,) bool: those of `rows` that lack a neighbour, or have one that is no member."""

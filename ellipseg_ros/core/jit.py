@@ -34,13 +34,19 @@ THREADS = len(os.sched_getaffinity(0))
 MIN_ROWS_PER_THREAD = 2048  # fewer are not worth starting a thread
 PLAIN = config.DISABLE_JIT  # kernels run as plain Python: for tests
 _pool = ThreadPoolExecutor(max(1, THREADS - 1), "ellipseg")
-_thread = threading.local()  # .single: this thread shares nothing with the pool
+
+
+class _Thread(threading.local):
+    single = False  # this thread shares nothing with the pool
+
+
+_thread = _Thread()
 
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
     """Within it, this thread uses no others: for several that do the same side by side."""
-    before = _is_single()
+    before = _thread.single
     _thread.single = True
     try:
         yield
@@ -48,13 +54,9 @@ def single_threaded() -> Iterator[None]:
         _thread.single = before
 
 
-def _is_single() -> bool:
-    return getattr(_thread, "single", False)
-
-
 def helpers() -> int:
     """The number of threads that may help the current one."""
-    return 0 if _is_single() else THREADS - 1
+    return 0 if _thread.single else THREADS - 1
 
 
 def _renew_pool() -> None:

@@ -4,7 +4,7 @@ from ellipseg_ros.core.criteria import merge_distance
 from ellipseg_ros.core.dendrogram import NONE, release
 from ellipseg_ros.core.edge_sorting import comes_before
 from ellipseg_ros.core.jit import inlined, kernel
-from ellipseg_ros.core.wakeup_heap import due, pop, push
+from ellipseg_ros.core.wakeup_heap import due, next_weight, pop, push
 
 
 @kernel
@@ -17,17 +17,15 @@ def kruskal(dendrogram, edges, rule, heap, min_active):
     moments, value, distance = dendrogram.moments, dendrogram.value, dendrogram.distance
     active, free, ancestor = dendrogram.active, dendrogram.free, dendrogram.ancestor
     made = dendrogram.made
-    e, stop = 0, _next_wakeup(edges, 0, heap)
-    while e < len(weight):
-        if e == stop:
-            while due(heap, weight[e], edge_i[e], edge_j[e]):
+    wakeup = next_weight(heap)
+    for e in range(len(weight)):
+        w, i, j = weight[e], edge_i[e], edge_j[e]
+        if w >= wakeup:
+            while due(heap, w, i, j):
                 _activate(pop(heap), dendrogram)
-            stop = _next_wakeup(edges, e, heap)
-        i, j = edge_i[e], edge_j[e]
-        e += 1
+            wakeup = next_weight(heap)
         if int(active[i]) + int(active[j]) < min_active:
             continue
-        w = weight[e - 1]
         a = _state_before(ancestor, made, i, w, i, j)
         b = _state_before(ancestor, made, j, w, i, j)
         if a == b:
@@ -41,8 +39,7 @@ def kruskal(dendrogram, edges, rule, heap, min_active):
             _invalidate(a, dendrogram, heap)
         if not active[j]:
             _invalidate(b, dendrogram, heap)
-        if stop > e and due(heap, weight[stop - 1], edge_i[stop - 1], edge_j[stop - 1]):
-            stop = _next_wakeup(edges, e, heap)
+        wakeup = next_weight(heap)
         _link(a, b, union, dendrogram)
         edge = made[union]
         edge.weight, edge.i, edge.j = w, i, j
@@ -65,26 +62,6 @@ def _state_before(ancestor, made, node, w, i, j):
             return up
         ancestor[node] = higher
         node = higher
-
-
-@kernel
-def _next_wakeup(edges, start, heap):
-    """The first edge from `start` on at which a wake-up is due; the number of edges for none.
-
-    By galloping, then bisection: wake-ups are many, and mostly near.
-    """
-    weight, left, right = edges
-    low, high, step = start, start, 1
-    while high < len(weight) and not due(heap, weight[high], left[high], right[high]):
-        low, high, step = high + 1, high + step, 2 * step
-    high = min(high, len(weight))
-    while low < high:
-        middle = (low + high) >> 1
-        if due(heap, weight[middle], left[middle], right[middle]):
-            high = middle
-        else:
-            low = middle + 1
-    return low
 
 
 @kernel

@@ -43,9 +43,7 @@ class Merged(NamedTuple):
     roots: Array  # (s,) int32: rows of the graph's moments, by the lowest vertex below
     labels: Array  # (rows,) int32: row of `roots` of every vertex, -1 for none
     aicc: Array  # (s,) float64
-    previous: (
-        Array  # (s,) int32: row in the last update of the segment of the same vertices, or -1
-    )
+    previous: Array  # (s,) int32: row of the same vertices' segment in the last update, or -1
 
 
 class Merge:
@@ -57,16 +55,15 @@ class Merge:
 
     def update(self, graph: Graph, change: GraphChange, rule: Rule) -> Merged:
         """Segments of `graph` after `change`: a and b merge where D(a, b) <= rule.threshold."""
-        if change.renumbering:
+        if change.kept_rows is not None:
             self._dendrogram = renumber_dendrogram(
-                self._dendrogram, change.renumbering, graph.moments
+                self._dendrogram, change.kept_rows, graph.moments
             )
         dendrogram, last, self._rule = self._dendrogram, self._rule, rule
-        lowered = last.threshold > rule.threshold and last == rule._replace(
-            threshold=last.threshold
-        )
-        dirty = change.dirty if lowered or last == rule else change.member
-        refused = _refused_unions(dendrogram, rule.threshold) if lowered else np.zeros(0, np.int64)
+        not_raised = rule._replace(threshold=max(rule.threshold, last.threshold))
+        dirty = change.dirty if last == not_raised else change.member
+        in_use = dendrogram.left != NONE
+        refused = np.flatnonzero(in_use & (dendrogram.distance > rule.threshold))
         rows = np.flatnonzero(dirty)
         initial_values(
             rule, graph.points, graph.knn_indices, graph.moments, rows, dendrogram.value
@@ -141,12 +138,6 @@ def _mark_across(edges, slab, across):
     for e in range(len(edges.i)):
         if slab[edges.i[e]] != slab[edges.j[e]]:
             across[edges.i[e]] = across[edges.j[e]] = True
-
-
-def _refused_unions(dendrogram: Dendrogram, threshold: float) -> Array:
-    """The unions (u,) that would not be made at a lower threshold."""
-    in_use = dendrogram.left != NONE
-    return np.flatnonzero(in_use & (dendrogram.distance > threshold))
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ellipseg_ros.core.jit import kernel
+from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.eigen import eigen
 from ellipseg_ros.records import Array
 
@@ -69,6 +69,18 @@ def shape(moments, row):
     else:
         m.planarity = m.cylindricality = 0.0
         m.v1_x, m.v1_y, m.v1_z, m.v2_x, m.v2_y, m.v2_z, m.v3_x, m.v3_y, m.v3_z = IDENTITY
+
+
+@inlined
+def add_products(m, offset):
+    """Add the products of an offset (x, y, z) to the covariance of a record, m^2."""
+    x, y, z = offset
+    m.xx += x * x
+    m.xy += x * y
+    m.xz += x * z
+    m.yy += y * y
+    m.yz += y * z
+    m.zz += z * z
 
 
 @kernel

@@ -1,18 +1,9 @@
 """Renumbering of the graph's rows, which drops dead ones."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ellipseg_ros.core.jit import kernel
 from ellipseg_ros.records import Array
-
-
-class Renumbering(NamedTuple):
-    """The old rows that are rows 0 to n - 1 now, in arrays of a new capacity."""
-
-    kept_rows: Array  # (n,) int64 ascending
-    capacity: int
 
 
 def row_map(kept_rows: Array, size: int) -> Array:

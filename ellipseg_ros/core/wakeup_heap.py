@@ -1,5 +1,6 @@
 """A heap of cached subtrees by the edge at which they become active, in the order of the edges."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,12 @@ class WakeupHeap(NamedTuple):
 def empty_wakeup_heap(capacity: int) -> WakeupHeap:
     """An empty heap with room for `capacity` nodes."""
     return WakeupHeap(np.empty(capacity, WAKEUP), np.zeros(1, np.int64))
+
+
+@kernel
+def next_weight(heap):
+    """Weight of the edge at which the first node becomes active; infinite if there is none."""
+    return heap.entries[0].weight if heap.size[0] > 0 else math.inf
 
 
 @kernel

@@ -64,10 +64,7 @@ def count_passes(rows):
     A beam that sweeps over a thing leaves a run of points. A pole that was passed fifty times is
     known at fifty places; fifty points of one sweep along a far wall are one scan line.
     """
-    passes = 0
-    for k in range(len(rows)):
-        passes += k == 0 or rows[k] - rows[k - 1] > PASS_GAP
-    return passes
+    return min(1, len(rows)) + np.count_nonzero(rows[1:] - rows[:-1] > PASS_GAP)
 
 
 @kernel

@@ -158,10 +158,7 @@ def _find_all(points, balls, moments, seeds, fits, taper, point_labels):
 @kernel
 def _taken(rows, point_labels):
     """Whether too many of the points are in other lines."""
-    taken = 0
-    for i in rows:
-        taken += point_labels[i] >= 0
-    return taken > MAX_TAKEN * len(rows)
+    return np.count_nonzero(point_labels[rows] >= 0) > MAX_TAKEN * len(rows)
 
 
 @kernel

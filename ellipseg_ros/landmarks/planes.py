@@ -7,9 +7,9 @@ import numpy as np
 
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.jit import for_parts, kernel
-from ellipseg_ros.core.linalg.vectors import difference, dot
+from ellipseg_ros.core.linalg.vectors import combined, difference, dot, row
 from ellipseg_ros.core.members import Boxes, group_boxes, group_members
-from ellipseg_ros.core.moments import shape, unite, united
+from ellipseg_ros.core.moments import add_products, shape, unite, united
 from ellipseg_ros.landmarks.fits import (
     CHUNKS,
     Fits,
@@ -153,30 +153,21 @@ def _fit(p, _, points, members, whole, fits, kept):
 def _refit(points, rows, moments, kept):
     """Replace the moments of a plane, in row 0, by those of the points near it."""
     m = moments[0]
-    px, py, pz = m.mean_x, m.mean_y, m.mean_z
-    nx, ny, nz = m.v3_x, m.v3_y, m.v3_z
+    centre, normal = (m.mean_x, m.mean_y, m.mean_z), (m.v3_x, m.v3_y, m.v3_z)
     cut = CUT_SIGMAS * math.sqrt(m.e3)
-    count = 0
-    mx = my = mz = xx = xy = xz = yy = yz = zz = 0.0
+    count, total = 0, (0.0, 0.0, 0.0)
+    m["covariance"][:] = 0.0
     for k in range(len(rows)):
-        i = rows[k]
-        dx, dy, dz = points[i, 0] - px, points[i, 1] - py, points[i, 2] - pz
-        kept[k] = abs(nx * dx + ny * dy + nz * dz) <= cut
+        offset = difference(row(points, rows[k]), centre)
+        kept[k] = abs(dot(normal, offset)) <= cut
         if kept[k]:
             count += 1
-            mx += dx
-            my += dy
-            mz += dz
-            xx += dx * dx
-            xy += dx * dy
-            xz += dx * dz
-            yy += dy * dy
-            yz += dy * dz
-            zz += dz * dz
-    mx, my, mz = mx / count, my / count, mz / count
-    m.mean_x, m.mean_y, m.mean_z = px + mx, py + my, pz + mz
-    m.xx, m.xy, m.xz = xx / count - mx * mx, xy / count - mx * my, xz / count - mx * mz
-    m.yy, m.yz, m.zz = yy / count - my * my, yz / count - my * mz, zz / count - mz * mz
+            total = combined(total, 1.0, offset)
+            add_products(m, offset)
+    mx, my, mz = total[0] / count, total[1] / count, total[2] / count
+    m.mean_x, m.mean_y, m.mean_z = combined(centre, 1.0, (mx, my, mz))
+    m.xx, m.xy, m.xz = m.xx / count - mx * mx, m.xy / count - mx * my, m.xz / count - mx * mz
+    m.yy, m.yz, m.zz = m.yy / count - my * my, m.yz / count - my * mz, m.zz / count - mz * mz
     shape(moments, 0)
 
 

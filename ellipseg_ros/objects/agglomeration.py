@@ -11,7 +11,7 @@ import numpy as np
 from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.eigen import least_eigenvalue
 from ellipseg_ros.core.moments import unite
-from ellipseg_ros.objects.indexed_heap import NOWHERE, Heap, empty_heap, remove, set_cost
+from ellipseg_ros.objects.indexed_heap import Heap, empty_heap, remove, set_cost
 from ellipseg_ros.records import Array, Hierarchy, SegmentAdjacency
 
 NONE = -1
@@ -117,7 +117,7 @@ def _offer_flat(groups, pair, limit, heap):
     variance = union_thickness(groups.moments, a, b, limit)
     if variance < math.inf:
         set_cost(heap, pair, variance, (np.int64(a) << 32) + b)
-    elif heap.place[pair] != NOWHERE:
+    else:
         remove(heap, pair)
 
 
@@ -150,27 +150,25 @@ def union_thickness(moments, row_a, row_b, limit):
 @kernel
 def _merge_similar(groups, heap, count, merges, cost):
     """Merge all adjacent groups, the cheapest pair first; continues after `count` merges."""
-    left, right, edge_count, following = (
-        groups.left,
-        groups.right,
-        groups.edge_count,
-        groups.following,
-    )
-    moments, features = groups.moments, groups.features
-    for pair in range(len(left)):
-        if left[pair] != NONE:
-            price = ward_cost(moments, features, left[pair], right[pair], edge_count[pair])
-            set_cost(heap, pair, price, (np.int64(left[pair]) << 32) + right[pair])
+    for pair in range(len(groups.left)):
+        if groups.left[pair] != NONE:
+            _offer_similar(groups, pair, heap)
     while heap.size[0] > 0:
         cost[count] = heap.cost[0]
         link = _merge_first(groups, heap, merges, count)
         while link != NONE:
-            pair = link >> 1
-            price = ward_cost(moments, features, left[pair], right[pair], edge_count[pair])
-            set_cost(heap, pair, price, (np.int64(left[pair]) << 32) + right[pair])
-            link = following[link]
+            _offer_similar(groups, link >> 1, heap)
+            link = groups.following[link]
         count += 1
     return count
+
+
+@inlined
+def _offer_similar(groups, pair, heap):
+    """Put a pair into the heap, or move it to where its cost belongs."""
+    a, b = groups.left[pair], groups.right[pair]
+    price = ward_cost(groups.moments, groups.features, a, b, groups.edge_count[pair])
+    set_cost(heap, pair, price, (np.int64(a) << 32) + b)
 
 
 @kernel
@@ -203,12 +201,8 @@ def _merge_first(groups, heap, merges, count):
 @inlined
 def _join_lists(groups, a, b, heap):
     """Give group a the pairs of both, pairs with the same group united; returns its first link."""
-    left, right, following, pair_with = (
-        groups.left,
-        groups.right,
-        groups.following,
-        groups.pair_with,
-    )
+    left, right = groups.left, groups.right
+    following, pair_with = groups.following, groups.pair_with
     kept = NONE
     for group in (a, b):
         link = groups.first[group]
@@ -225,8 +219,7 @@ def _join_lists(groups, a, b, heap):
                 else:  # both a and b were adjacent to it: one boundary, now
                     groups.edge_count[twin] += groups.edge_count[pair]
                     left[pair] = NONE  # its other link goes when that list is traversed
-                    if heap.place[pair] != NOWHERE:
-                        remove(heap, pair)
+                    remove(heap, pair)
             link = behind
     groups.first[a], groups.first[b] = kept, NONE
     link = kept

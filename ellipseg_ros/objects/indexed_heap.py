@@ -45,9 +45,11 @@ def set_cost(heap, number, cost, tie):
 
 @kernel
 def remove(heap, number):
-    """Remove an item that is in the heap."""
+    """Remove an item if it is in the heap."""
     item, place, size = heap.item, heap.place, heap.size
     slot = place[number]
+    if slot == NOWHERE:
+        return
     place[number] = NOWHERE
     size[0] -= 1
     last = item[size[0]]

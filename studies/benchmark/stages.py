@@ -27,7 +27,6 @@ STAGES: list[tuple[str, Any, str]] = [  # stage, class or module, name of the ca
     ("ellipsoids", graph, "initial_ellipsoids"),
     ("ellipsoids", merge, "initial_values"),
     ("edges", graph, "update_edges"),
-    ("renumbering", graph, "renumber_edges"),
     ("renumbering", graph, "moved"),
     ("renumbering", merge, "renumber_dendrogram"),
     ("merge", Merge, "update"),

@@ -114,8 +114,6 @@ def lacks_neighbour(row, indices, state, min_state):
 def _within_reach(other, source, leaf, box, stack, gaps):
     """Whether a point of the other tree may be, or have been, a neighbour of one in a leaf."""
     reach, node = source.reach[leaf], (1 << source.depth) + leaf
-    if reach == np.inf:
-        return True
     for axis in range(3):
         box[0, axis], box[1, axis] = source.low[node, axis], source.high[node, axis]
     leaves = 1 << other.depth

@@ -3,24 +3,22 @@
 import numpy as np
 
 from ellipseg_ros.core.knn import kdtree
-from ellipseg_ros.core.knn.invalidation import rows_gaining, rows_losing
-from ellipseg_ros.core.knn.search import Search, search_neighbours
 from ellipseg_ros.records import Array
 
 REBUILD_SHARE = 0.25  # of the living rows outside the large tree, or dead in it: build it again
 
 
 class Trees:
-    """Answers which neighbours rows have, and whose neighbours change."""
+    """Trees that hold every living row once, and are built again when they have aged."""
 
     def __init__(self) -> None:
-        self._trees: list[kdtree.Tree] = []
+        self.trees: list[kdtree.Tree] = []
         self._indexed_rows = 0  # rows before this one are in the large tree,
         self._dead_at_build = 0  # but for this number, which were dead already
 
     def clear(self) -> None:
         """Forget the trees, since the rows have new numbers."""
-        self._trees = []
+        self.trees = []
         self._indexed_rows = self._dead_at_build = 0
 
     def add(self, points: Array, state: Array, count: int) -> None:
@@ -28,20 +26,8 @@ class Trees:
         living = np.flatnonzero(state)
         dead = np.count_nonzero(state[: self._indexed_rows] == 0) - self._dead_at_build
         if dead + count - self._indexed_rows > REBUILD_SHARE * len(living):
-            self._trees = [kdtree.build(points, living)]
+            self.trees = [kdtree.build(points, living)]
             self._indexed_rows, self._dead_at_build = count, count - len(living)
         else:
             later = living[np.searchsorted(living, self._indexed_rows) :]
-            self._trees[1:] = [kdtree.build(points, later)]
-
-    def search(self, search: Search) -> None:
-        """Fill the neighbours of the queried rows."""
-        search_neighbours(self._trees, search)
-
-    def losing(self, points: Array, left: Array, search: Search) -> Array:
-        """(rows,) bool: the queried rows that lose a neighbour with the rows `left` (m,)."""
-        return rows_losing(self._trees, kdtree.build(points, left), search)
-
-    def gaining(self, points: Array, entered: Array, search: Search) -> Array:
-        """(rows,) bool: the queried rows to which one of `entered` (m,) is a nearer neighbour."""
-        return rows_gaining(self._trees, kdtree.build(points, entered), search)
+            self.trees[1:] = [kdtree.build(points, later)]

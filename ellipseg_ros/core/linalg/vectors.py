@@ -48,3 +48,9 @@ def difference(a, b):
 def combined(a, factor, b):
     """a + factor b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@inlined
+def scaled(factor, a):
+    """factor a."""
+    return factor * a[0], factor * a[1], factor * a[2]
