@@ -7,6 +7,7 @@ import numpy as np
 
 from ellipseg_ros.association import constants
 from ellipseg_ros.association.pairing import (
+    IDENTITY,
     MAX_DEGREES,
     MOTIONS,
     LandmarkArrays,
@@ -19,8 +20,6 @@ from ellipseg_ros.core.linalg.cholesky import factorize, solve_lower, solve_uppe
 from ellipseg_ros.core.linalg.vectors import difference, dot, norm
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import Array
-
-IDENTITY = np.eye(4)
 
 
 class Bounds(NamedTuple):

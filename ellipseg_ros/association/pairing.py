@@ -8,9 +8,19 @@ import numpy as np
 from ellipseg_ros.association import constants
 from ellipseg_ros.core.jit import inlined, kernel
 from ellipseg_ros.core.linalg.cholesky import factorize, log_determinant, solve_lower
-from ellipseg_ros.core.linalg.vectors import column, combined, cross, difference, dot, norm, row
+from ellipseg_ros.core.linalg.vectors import (
+    column,
+    combined,
+    cross,
+    difference,
+    dot,
+    norm,
+    row,
+    scaled,
+)
 from ellipseg_ros.records import DETERMINED, Array, Kind, Landmarks
 
+IDENTITY = np.eye(4)
 PLANE, LINE, BLOB = int(Kind.PLANE), int(Kind.LINE), int(Kind.BLOB)
 DEGREES = np.array([len(DETERMINED[kind]) for kind in Kind])  # by kind: determined motions
 MAX_DEGREES = int(DEGREES.max())
@@ -160,8 +170,8 @@ def compare(earlier, later, i, j, transform, centre, work):
         f = column(work.frame, motion % 3)
         if motion < 3:
             work.residual[a] = dot(f, difference(q, p))
-            arm = 0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1]), 0.5 * (p[2] + q[2])
-            lever = cross(difference(arm, centre), f)
+            middle = scaled(0.5, combined(p, 1.0, q))
+            lever = cross(difference(middle, centre), f)
             for k in range(3):
                 work.jacobian[a, k], work.jacobian[a, 3 + k] = f[k], lever[k]
         else:
@@ -169,8 +179,9 @@ def compare(earlier, later, i, j, transform, centre, work):
             for k in range(3):
                 work.jacobian[a, k], work.jacobian[a, 3 + k] = 0.0, f[k]
     work.covariance[:degrees, :degrees] = 0.0
-    _add_covariance(earlier, i, later, j, transform, 1.0, work)
-    _add_covariance(earlier, i, later, j, transform, -1.0, work)
+    arm = scaled(0.5, difference(q, p))
+    _add_covariance(earlier, i, IDENTITY, arm, work)
+    _add_covariance(later, j, transform, scaled(-1.0, arm), work)
     return degrees
 
 
@@ -187,8 +198,8 @@ def _frame_between(one, other, kind, transform, frame):
     second, third = (axis + 1) % 3, (axis + 2) % 3
     u, v = column(one, axis), rotated(transform, column(other, axis))
     sign = -1.0 if dot(u, v) < 0.0 else 1.0  # the sign of a direction is arbitrary
-    v = sign * v[0], sign * v[1], sign * v[2]
-    w = 0.5 * (u[0] + v[0]), 0.5 * (u[1] + v[1]), 0.5 * (u[2] + v[2])
+    v = scaled(sign, v)
+    w = scaled(0.5, combined(u, 1.0, v))
     square, b = dot(w, w), column(one, second)
     b = combined(b, -(dot(b, w) / square), w)
     length, unit = math.sqrt(square), 1.0 / norm(b)
@@ -202,22 +213,15 @@ def _frame_between(one, other, kind, transform, frame):
 
 
 @kernel
-def _add_covariance(earlier, i, later, j, transform, side, work):
-    """Add the covariance of one landmark, transported to the point half-way between the two.
+def _add_covariance(landmarks, row, transform, arm, work):
+    """Add the covariance of one landmark, transported by `arm` to the point half-way between two.
 
-    side: 1 for the earlier one, -1 for the later one.
+    transform: of its own set.
     """
-    kind = earlier.kind[i]
-    degrees = DEGREES[kind]
-    first = side > 0.0
-    covariance = earlier.covariance[i] if first else later.covariance[j]
-    offset = difference(transformed(transform, row(later.position, j)), row(earlier.position, i))
-    arm = 0.5 * side * offset[0], 0.5 * side * offset[1], 0.5 * side * offset[2]
-    axes = earlier.axes[i] if first else later.axes[j]
+    kind = landmarks.kind[row]
+    degrees, covariance = DEGREES[kind], landmarks.covariance[row]
     for b in range(3):
-        axis = column(axes, b)
-        if not first:
-            axis = rotated(transform, axis)
+        axis = rotated(transform, column(landmarks.axes[row], b))
         for a in range(degrees):
             motion = MOTIONS[kind, a]
             f = column(work.frame, motion % 3)

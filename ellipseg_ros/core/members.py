@@ -22,48 +22,44 @@ class Boxes(NamedTuple):
     high: Array  # (g, 3)
 
 
-def group_members(labels: Array, group: Array, count: int) -> Members:
-    """The points of groups of segments.
+def groups_of_points(labels: Array, group: Array) -> Array:
+    """The group (n,) int32 of every point, -1 for none.
 
     labels (n,) int32: the segment of every point, negative for none; group (s,) int32: the group
-    of every segment, negative for none; count: of groups.
+    of every segment, -1 for none.
     """
-    starts = np.zeros(count + 1, np.int64)
-    _count(labels, group, starts)
-    np.cumsum(starts, out=starts)
+    return np.asarray(np.append(group, np.int32(-1))[np.maximum(labels, -1)])
+
+
+def group_members(labels: Array, count: int) -> Members:
+    """The points of groups; labels (n,) int32: the group of every point, negative for none."""
+    starts = np.append(0, np.cumsum(np.bincount(labels[labels >= 0], minlength=count)))
     rows = np.empty(starts[-1], np.int64)
-    _distribute(labels, group, starts[:-1].copy(), rows)
+    _distribute(labels, starts[:-1].copy(), rows)
     return Members(starts, rows)
 
 
-def group_boxes(points: Array, labels: Array, group: Array, count: int) -> Boxes:
-    """Bounding boxes of the points (n, 3) of groups; labels, group: as for `group_members`."""
+def group_boxes(points: Array, labels: Array, count: int) -> Boxes:
+    """Bounding boxes of the points (n, 3) of groups; labels: as for `group_members`."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    _extend(points, labels, group, low, high)
+    _extend(points, labels, low, high)
     return Boxes(low, high)
 
 
 @kernel
-def _count(labels, group, starts):
-    for label in labels:
-        if label >= 0 and group[label] >= 0:
-            starts[group[label] + 1] += 1
-
-
-@kernel
-def _distribute(labels, group, place, rows):
+def _distribute(labels, place, rows):
     for i in range(len(labels)):
-        if labels[i] >= 0 and group[labels[i]] >= 0:
-            into = group[labels[i]]
+        into = labels[i]
+        if into >= 0:
             rows[place[into]] = i
             place[into] += 1
 
 
 @kernel
-def _extend(points, labels, group, low, high):
+def _extend(points, labels, low, high):
     for i in range(len(labels)):
-        if labels[i] >= 0 and group[labels[i]] >= 0:
-            into = group[labels[i]]
+        into = labels[i]
+        if into >= 0:
             for axis in range(3):
                 low[into, axis] = min(low[into, axis], points[i, axis])
                 high[into, axis] = max(high[into, axis], points[i, axis])

@@ -114,7 +114,11 @@ def _begin_update(
     dendrogram: Dendrogram, dirty: Array, removed: Array, refused: Array, heap: WakeupHeap
 ) -> None:
     """Release the refused unions and those above dirty or removed vertices; cache the rest."""
-    _release_changed(dendrogram, dirty, removed, refused, heap)
+    changed = np.append(dirty | removed, np.zeros(len(dirty), bool))  # by node
+    above = np.append(dendrogram.parent[changed], refused)
+    dendrogram.parent[changed] = NONE
+    dendrogram.active[:] = dirty
+    _release_changed(dendrogram, changed, above, heap)
     for_rows(_reset_ancestors, len(dendrogram.ancestor), dendrogram)
 
 
@@ -141,38 +145,27 @@ def _mark_across(edges, slab, across):
 
 
 @kernel
-def _release_changed(dendrogram, dirty, removed, refused, heap):
+def _release_changed(dendrogram, changed, above, heap):
+    """Release the unions `above` and all above these; mark them changed. Cache their other parts.
+
+    changed: by node, the vertices marked already.
+    """
     parent, left, right = dendrogram.parent, dendrogram.left, dendrogram.right
-    active = dendrogram.active
-    capacity = len(active)
-    changed = np.zeros(capacity, np.bool_)
+    unions = np.empty(len(dendrogram.active), np.int32)
     count = 0
-    unions = np.empty(capacity, np.int32)
-    for start in range(capacity + len(refused)):
-        if start < capacity:
-            active[start] = dirty[start]
-            if not (dirty[start] or removed[start]):
-                continue
-            up, parent[start] = parent[start], NONE
-        else:
-            up = refused[start - capacity]
-        while up != NONE and not changed[up - capacity]:
-            changed[up - capacity] = True
-            unions[count] = up
+    for union in above:
+        while union != NONE and not changed[union]:
+            changed[union] = True
+            unions[count] = union
             count += 1
-            up = parent[up]
-    for k in range(count):
-        union = unions[k]
+            union = parent[union]
+    for union in unions[:count]:
         for child in (left[union], right[union]):
-            if child >= capacity:
-                cached = not changed[child - capacity]
-            else:
-                cached = not (dirty[child] or removed[child])
-            if cached:
+            if not changed[child]:
                 parent[child] = NONE
                 push(heap, child, dendrogram.made[union])
-    for k in range(count):
-        release(unions[k], dendrogram)
+    for union in unions[:count]:
+        release(union, dendrogram)
 
 
 @kernel

@@ -5,15 +5,13 @@ import numpy as np
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.disjoint_set import components
 from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.core.members import group_members
+from ellipseg_ros.core.members import group_members, groups_of_points
 from ellipseg_ros.core.moments import united
 from ellipseg_ros.landmarks.fits import (
     Fits,
     add_to_box,
     count_passes,
-    new_fits,
     renumber,
-    select_fits,
     set_moments,
 )
 from ellipseg_ros.records import Array, SegmentAdjacency
@@ -43,13 +41,13 @@ def find_blobs(
     group = np.full(len(moments), -1, np.int32)
     group[free] = np.unique(roots[free], return_inverse=True)[1].reshape(-1)
     count = int(group.max(initial=-1)) + 1
-    fits, point_labels = new_fits(count), np.full(len(points), -1, np.int32)
-    members = group_members(labels, group, count)
+    fits, point_labels = Fits.empty(count), np.full(len(points), -1, np.int32)
+    members = group_members(groups_of_points(labels, group), count)
     _measure(points, members, united(moments[free], group[free], count), fits, point_labels)
     good = (fits.count >= COUNT_FACTOR * config.min_points) & (fits.passes >= config.min_points)
     good &= fits.sigma[:, 0] <= MAX_SIGMA
     good &= fits.sigma[:, 2] >= MIN_ROUNDNESS * fits.sigma[:, 0]
-    return select_fits(fits, good), renumber(point_labels, good)
+    return fits.select(good), renumber(point_labels, good)
 
 
 @kernel

@@ -8,7 +8,7 @@ import numpy as np
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.members import group_boxes, group_members
 from ellipseg_ros.landmarks.blobs import find_blobs
-from ellipseg_ros.landmarks.fits import Fits, concatenate_fits, renumber, select_fits
+from ellipseg_ros.landmarks.fits import Fits, concatenate_fits, renumber
 from ellipseg_ros.landmarks.lines import find_lines
 from ellipseg_ros.landmarks.planes import find_planes
 from ellipseg_ros.records import DETERMINED, Array, Kind, SegmentAdjacency
@@ -38,10 +38,9 @@ def find_landmarks(
     none; moments (s,): of the segments' points.
     """
     segments = len(moments)
-    each = np.arange(segments, dtype=np.int32)
     planes = find_planes(points, labels, moments, adjacency, config)
-    members = group_members(labels, each, segments)
-    around = group_boxes(points, labels, each, segments)
+    members = group_members(labels, segments)
+    around = group_boxes(points, labels, segments)
     lines = find_lines(points, members, moments, around, planes.broad, config)
     taken = lines.taken | (planes.point_labels >= 0)
     share = np.bincount(labels[taken & (labels >= 0)], minlength=segments)
@@ -57,7 +56,7 @@ def find_landmarks(
         first += count
     precise = _is_precise(kind, fits.covariance, config)
     _add_registration_noise(kind, fits.covariance, config.registration_noise)
-    return Detections(kind[precise], select_fits(fits, precise), renumber(point_labels, precise))
+    return Detections(kind[precise], fits.select(precise), renumber(point_labels, precise))
 
 
 def _add_registration_noise(kind: Array, covariance: Array, noise: float) -> None:

@@ -25,30 +25,29 @@ class Fits(NamedTuple):
     covariance: Array  # (c, 6, 6) of motions
     roughness: Array  # (c,) m: standard deviation of the points from the shape
 
+    @classmethod
+    def empty(cls, count: int) -> "Fits":
+        """Fits to be filled in."""
+        return cls(
+            count=np.zeros(count, np.int64),
+            passes=np.zeros(count, np.int64),
+            position=np.zeros((count, 3)),
+            axes=np.tile(np.eye(3), (count, 1, 1)),
+            sigma=np.zeros((count, 3)),
+            box_min=np.full((count, 3), np.inf),
+            box_max=np.full((count, 3), -np.inf),
+            covariance=np.zeros((count, 6, 6)),
+            roughness=np.zeros(count),
+        )
 
-def new_fits(count: int) -> Fits:
-    """Fits to be filled in."""
-    return Fits(
-        count=np.zeros(count, np.int64),
-        passes=np.zeros(count, np.int64),
-        position=np.zeros((count, 3)),
-        axes=np.tile(np.eye(3), (count, 1, 1)),
-        sigma=np.zeros((count, 3)),
-        box_min=np.full((count, 3), np.inf),
-        box_max=np.full((count, 3), -np.inf),
-        covariance=np.zeros((count, 6, 6)),
-        roughness=np.zeros(count),
-    )
+    def select(self, rows: Array) -> "Fits":
+        """The given rows, or those that a mask selects."""
+        return Fits(*(column[rows] for column in self))
 
 
 def concatenate_fits(parts: list[Fits]) -> Fits:
     """The rows of all parts, in order."""
     return Fits(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-def select_fits(fits: Fits, rows: Array) -> Fits:
-    """The given rows, or those that a mask selects."""
-    return Fits(*(column[rows] for column in fits))
 
 
 def renumber(labels: Array, kept: Array) -> Array:

@@ -27,9 +27,7 @@ from ellipseg_ros.landmarks.fits import (
     add_to_box,
     count_passes,
     fit_covariance,
-    new_fits,
     renumber,
-    select_fits,
 )
 from ellipseg_ros.landmarks.seed_axis import MIN_SEED_SIGMA, aim
 from ellipseg_ros.records import Array
@@ -112,13 +110,13 @@ def find_lines(
     seeds = _seeds(moments, broad)
     centre, half = 0.5 * (around.low + around.high), 0.5 * (around.high - around.low)
     balls = Balls(*members, centre, np.linalg.norm(half, axis=1))
-    fits, taper = new_fits(len(seeds)), np.zeros(len(seeds))
+    fits, taper = Fits.empty(len(seeds)), np.zeros(len(seeds))
     point_labels = np.full(len(points), -1, np.int32)
     _find_all(points, balls, moments, seeds, fits, taper, point_labels)
     good = (fits.count >= config.min_points) & (2 * fits.passes >= config.min_points)
     good &= fits.box_max[:, 0] - fits.box_min[:, 0] >= MIN_LENGTH
     good &= (np.abs(taper) <= MAX_TAPER) & (fits.roughness <= config.roughness)
-    return Lines(select_fits(fits, good), renumber(point_labels, good), point_labels >= 0)
+    return Lines(fits.select(good), renumber(point_labels, good), point_labels >= 0)
 
 
 def _seeds(moments: Array, broad: Array) -> Array:

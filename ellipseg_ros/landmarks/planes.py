@@ -8,7 +8,7 @@ import numpy as np
 from ellipseg_ros.config import LandmarksConfig
 from ellipseg_ros.core.jit import for_parts, kernel
 from ellipseg_ros.core.linalg.vectors import combined, difference, dot, row
-from ellipseg_ros.core.members import Boxes, group_boxes, group_members
+from ellipseg_ros.core.members import Boxes, group_boxes, group_members, groups_of_points
 from ellipseg_ros.core.moments import add_products, shape, unite, united
 from ellipseg_ros.landmarks.fits import (
     CHUNKS,
@@ -17,9 +17,7 @@ from ellipseg_ros.landmarks.fits import (
     add_to_box,
     count_passes,
     fit_covariance,
-    new_fits,
     renumber,
-    select_fits,
     set_moments,
 )
 from ellipseg_ros.objects.agglomeration import flat_groups
@@ -70,14 +68,14 @@ def find_planes(
     parts = np.flatnonzero(flat)
     parts = parts[np.argsort(-moments["count"][parts], kind="stable")]
     plane_of_group = np.full(len(moments) + 1, -1, np.int32)
-    around = group_boxes(points, labels, group, len(moments))
+    around = group_boxes(points, groups_of_points(labels, group), len(moments))
     plane_of_group[parts] = join_coplanar(moments[parts], Boxes(*(b[parts] for b in around)))
     of_segment = plane_of_group[group]
 
     count = int(of_segment.max(initial=-1)) + 1
-    members = group_members(labels, of_segment, count)
+    members = group_members(groups_of_points(labels, of_segment), count)
     whole = united(moments[parts], plane_of_group[parts], count)
-    fits, kept = new_fits(count), np.zeros(len(members.rows), bool)
+    fits, kept = Fits.empty(count), np.zeros(len(members.rows), bool)
     for_parts([(p, p + 1) for p in range(count)], _fit, points, members, whole, fits, kept)
     good = (fits.sigma[:, 1] >= MIN_SIGMA) & (fits.count >= config.min_points)
     good &= fits.sigma[:, 2] < MAX_FLATNESS * fits.sigma[:, 1]
@@ -85,7 +83,7 @@ def find_planes(
     plane = np.repeat(np.arange(count, dtype=np.int32), np.diff(members.starts))
     point_labels[members.rows[kept]] = plane[kept]
     broad = (of_segment >= 0) & (sigma[group, 1] >= MIN_BROAD_SIGMA)
-    return Planes(select_fits(fits, good), renumber(point_labels, good), broad)
+    return Planes(fits.select(good), renumber(point_labels, good), broad)
 
 
 def join_coplanar(moments: Array, around: Boxes) -> Array:

@@ -7,7 +7,6 @@ from ellipseg_ros.core.contingency import contingency
 from ellipseg_ros.core.segments import Segments
 from ellipseg_ros.core.window import Window
 from ellipseg_ros.landmarks.finder import Detections, find_landmarks
-from ellipseg_ros.landmarks.fits import select_fits
 from ellipseg_ros.landmarks.tracking import LandmarkTracker, LandmarkTracks
 from ellipseg_ros.records import Array, Landmarks, Ragged, SegmentAdjacency
 
@@ -49,8 +48,8 @@ def landmark_records(
     order = np.argsort(tracks.ids)
     rank = np.full(len(order) + 1, -1, np.int32)
     rank[order] = np.arange(len(order))
-    fits, point_labels = select_fits(found.fits, order), rank[found.point_labels]
-    landmarks = Landmarks(
+    fits, point_labels = found.fits.select(order), rank[found.point_labels]
+    return Landmarks(
         ids=tracks.ids[order],
         kind=found.kind[order],
         count=fits.count,
@@ -66,7 +65,6 @@ def landmark_records(
         point_labels=point_labels,
         removed=tracks.removed,
     )
-    return landmarks
 
 
 def _segments_of(point_labels: Array, labels: Array, landmarks: int) -> Ragged:

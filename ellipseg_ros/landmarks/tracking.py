@@ -21,24 +21,15 @@ class LandmarkTracks(NamedTuple):
     removed: Array  # (r,) uint32, ascending: ids of the previous update that ended
 
 
-class Previous(NamedTuple):
-    """The landmarks of the previous update, ascending by id."""
-
-    ids: Array
-    position: Array
-    axes: Array
-    mean_square: Array  # (l,) mean of the normalised innovation squared
-    age: Array  # (l,) int64, updates
-    first_seen_ns: Array
-
-
-NO_LANDMARKS = Previous(
-    np.zeros(0, np.uint32),
-    np.zeros((0, 3)),
-    np.zeros((0, 3, 3)),
-    np.zeros(0),
-    np.zeros(0, np.int64),
-    np.zeros(0, np.int64),
+TRACKED = np.dtype(  # a landmark as the next update needs it
+    [
+        ("ids", np.uint32),
+        ("position", np.float64, 3),
+        ("axes", np.float64, (3, 3)),
+        ("mean_square", np.float64),  # mean of the normalised innovation squared
+        ("age", np.int64),  # updates
+        ("first_seen_ns", np.int64),
+    ]
 )
 
 
@@ -50,13 +41,13 @@ class LandmarkTracker:
 
     def __init__(self) -> None:
         self._trackers = {kind: Tracker() for kind in Kind}
-        self._previous = NO_LANDMARKS
+        self._previous = np.zeros(0, TRACKED)  # ascending by id
 
     def reset(self) -> None:
         """End all landmarks: the next update reports them as removed. Ids go on."""
         for tracker in self._trackers.values():
             tracker.reset()
-        self._previous = NO_LANDMARKS
+        self._previous = np.zeros(0, TRACKED)
 
     def follow(self, arrival: Array, found: Detections, end_ns: int) -> LandmarkTracks:
         """Identify the landmarks of an update.
@@ -65,22 +56,22 @@ class LandmarkTracker:
         """
         ids, removed = self._assign(arrival, found)
         previous, fits = self._previous, found.fits
-        place = np.searchsorted(previous.ids, ids)
-        known = np.append(previous.ids, np.uint32(0))[place] == ids
-        old, new = place[known], np.flatnonzero(known)
-        before = previous.position[old], previous.axes[old]
-        moved = innovations(found.kind[new], before, (fits.position[new], fits.axes[new]))
-        squares = normalised_squares(found.kind[new], moved, fits.covariance[new])
-        age, mean_square = np.zeros(len(ids), np.int64), np.zeros(len(ids))
-        age[new] = previous.age[old] + 1
-        mean = previous.mean_square[old]
-        mean_square[new] = mean + (squares - mean) / np.minimum(age[new], MEMORY)
-        first = np.full(len(ids), end_ns, np.int64)
-        first[new] = previous.first_seen_ns[old]
-        order = np.argsort(ids)
-        columns = (ids, fits.position, fits.axes, mean_square, age, first)
-        self._previous = Previous(*(column[order] for column in columns))
-        return LandmarkTracks(ids, np.sqrt(mean_square), first, removed)
+        tracked = np.zeros(len(ids), TRACKED)
+        tracked["ids"], tracked["first_seen_ns"] = ids, end_ns
+        tracked["position"], tracked["axes"] = fits.position, fits.axes
+        place = np.searchsorted(previous["ids"], ids)
+        known = np.append(previous["ids"], np.uint32(0))[place] == ids
+        old, new = previous[place[known]], np.flatnonzero(known)
+        kind, before = found.kind[new], (old["position"], old["axes"])
+        moved = innovations(kind, before, (fits.position[new], fits.axes[new]))
+        squares = normalised_squares(kind, moved, fits.covariance[new])
+        age, mean = old["age"] + 1, old["mean_square"]
+        tracked["age"][new] = age
+        tracked["mean_square"][new] = mean + (squares - mean) / np.minimum(age, MEMORY)
+        tracked["first_seen_ns"][new] = old["first_seen_ns"]
+        self._previous = tracked[np.argsort(ids)]
+        instability = np.sqrt(tracked["mean_square"])
+        return LandmarkTracks(ids, instability, tracked["first_seen_ns"], removed)
 
     def _assign(self, arrival: Array, found: Detections) -> tuple[Array, Array]:
         """Ids (l,) and those removed, from the numbers that the tracker of each kind assigns."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.jit import for_rows, kernel
-from ellipseg_ros.core.members import Boxes, group_boxes
+from ellipseg_ros.core.members import Boxes, group_boxes, groups_of_points
 from ellipseg_ros.core.moments import united
 from ellipseg_ros.objects.agglomeration import merge_segments
 from ellipseg_ros.records import Array, Hierarchy, SegmentAdjacency
@@ -45,7 +45,7 @@ def find_objects(
     hierarchy = merge_segments(moments, features, adjacency, config.thickness)
     of_segment = hierarchy.labels_after(hierarchy.merges_up_to(config.scale))
     count = int(of_segment.max(initial=-1)) + 1
-    boxes = group_boxes(points, labels, of_segment, count)
+    boxes = group_boxes(points, groups_of_points(labels, of_segment), count)
     return Grouping(of_segment, united(moments, of_segment, count), boxes, hierarchy)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ellipseg_ros.config import ObjectsConfig
 from ellipseg_ros.core.graph import Graph
+from ellipseg_ros.core.members import groups_of_points
 from ellipseg_ros.core.segments import Segments, matrices
 from ellipseg_ros.core.tracking import Tracker, Tracks
 from ellipseg_ros.core.window import Window
@@ -43,8 +44,7 @@ class ObjectStage:
             return ObjectUpdate(None, self._tracker.end())
         labels, moments = segments.vertex_labels, segments.moments
         grouping = find_objects(graph.points, graph.moments, labels, moments, adjacency, config)
-        object_labels = np.append(grouping.segment_labels, np.int32(-1))
-        labels = object_labels[np.maximum(segments.labels, -1)]
+        labels = groups_of_points(segments.labels, grouping.segment_labels)
         moments = grouping.moments
         features = np.column_stack([moments["count"], moments["mean"], moments["covariance"]])
         tracks = self._tracker.assign(window.points.arrival, labels, features)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from landmark_scenes import NOISE, trunk
 
-from ellipseg_ros.core.members import group_boxes, group_members
+from ellipseg_ros.core.members import group_boxes, group_members, groups_of_points
 from ellipseg_ros.landmarks import fits
 from ellipseg_ros.landmarks.cylinder import PARAMETERS, across, axial, fit_cylinder
 
@@ -16,7 +16,8 @@ def test_members_and_boxes_equal_a_plain_loop():
     rng = np.random.default_rng(16)
     points, labels = rng.normal(size=(200, 3)), rng.integers(-2, 9, 200).astype(np.int32)
     group = np.array([0, 1, 1, -1, 2, 0, 2, 2, 1], np.int32)
-    found, around = group_members(labels, group, 3), group_boxes(points, labels, group, 3)
+    of_point = groups_of_points(labels, group)
+    found, around = group_members(of_point, 3), group_boxes(points, of_point, 3)
     for g in range(3):
         rows = [i for i in range(200) if labels[i] >= 0 and group[labels[i]] == g]
         assert list(found.rows[found.starts[g] : found.starts[g + 1]]) == rows

@@ -5,6 +5,7 @@ distance is computed by the same monotonic operations as a point's, so it is nev
 point inside, and pruning loses nothing.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -62,9 +63,7 @@ def _split(node, stop, table, depth, low, high, first):
     stack = [node]
     while len(stack) > 0:
         node = stack.pop()
-        level = 0
-        while (node >> level) > 1:
-            level += 1
+        level = math.frexp(node)[1] - 1
         position = node - (1 << level)
         start = (position * len(table)) >> level
         end = ((position + 1) * len(table)) >> level
