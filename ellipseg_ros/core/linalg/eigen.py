@@ -64,13 +64,15 @@ def _characteristic(xx, xy, xz, yy, yz, zz):
     """Mean, spread, determinant and cosine for the trigonometric roots of the eigenvalues.
 
     With mean m and spread s they are m + 2 s cos((acos(cosine) + 2 pi k) / 3); the determinant is
-    that of A - m I. The cosine is undefined where the spread is 0.
+    that of A - m I.
     Source: Smith, Eigenvalues of a symmetric 3x3 matrix (1961).
     """
     middle = (xx + yy + zz) / 3.0
     bx, by, bz = xx - middle, yy - middle, zz - middle
     off = xy * xy + xz * xz + yz * yz
     spread = math.sqrt((bx * bx + by * by + bz * bz + 2.0 * off) / 6.0)
+    if not spread > 0.0:
+        return middle, 0.0, 0.0, 0.0
     det = bx * (by * bz - yz * yz) - xy * (xy * bz - yz * xz) + xz * (xy * yz - by * xz)
     half = min(1.0, max(-1.0, det / (2.0 * spread * spread * spread)))
     return middle, spread, det, half
