@@ -4,6 +4,7 @@
 EXTRAS = {
     "files": ("laspy", "lazrs", "pypcd4", "trimesh"),
     "plots": ("PIL", "matplotlib"),
+    "odometry": ("kiss_icp",),
     "dask": ("dask", "distributed"),
 }
 

@@ -24,9 +24,21 @@ from ellipseg_ros.config import NodeConfig
 from ellipseg_ros.errors import InputError, reason
 from ellipseg_ros.io.atomic_files import write_errors
 from ellipseg_ros.io.bag_writer import BagWriter
+from ellipseg_ros.io.livox import CUSTOM_CLOUDS, read_custom_cloud
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
-from ellipseg_ros.io.topics import BAG_TOPICS, CLOUD, POINTS, SEGMENTS
+from ellipseg_ros.io.pose_messages import POSE_TYPES, read_odometry, read_transforms
+from ellipseg_ros.io.topics import (
+    BAG_TOPICS,
+    CLOUD,
+    POINTS,
+    SEGMENTS,
+    TF,
+    TF_MESSAGE,
+    TF_STATIC,
+)
 from ellipseg_ros.io.update_messages import UpdateMessages
+from ellipseg_ros.poses.placer import Event, RefusedPose
+from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import Segmentation, Sweep
 
 SUFFIXES = (".bag", ".mcap", ".db3")
@@ -39,7 +51,7 @@ class BagSweeps:
     """The clouds of one topic of a bag, in the order of the bag; may be iterated several times.
 
     path: a .bag of ROS 1; a bag folder of ROS 2; or one .mcap or .db3 file of it.
-    topic: of type PointCloud2; may be empty if the bag has only one such topic.
+    topic: of type PointCloud2 or Livox CustomMsg; may be empty if the bag has only one of them.
     Raises InputError, here or during iteration, if the bag or a cloud can't be read.
     """
 
@@ -55,21 +67,67 @@ class BagSweeps:
         self.frame_id = first.frame_id
 
     def __iter__(self) -> Iterator[Sweep]:
-        with _opened(self.path) as reader:
-            chosen = [c for c in reader.connections if c.topic == self.topic]
-            for number, (_, _, raw) in enumerate(reader.messages(chosen)):
-                yield self._read(raw, number)
+        return (event for event in self.events(()) if isinstance(event, Sweep))
 
-    def _read(self, raw: bytes, number: int) -> Sweep:
+    def events(self, topics: tuple[str, ...]) -> Iterator[Event]:
+        """The clouds with the poses and transforms of other topics, in the order of the bag."""
+        with _opened(self.path) as reader:
+            chosen = [c for c in reader.connections if c.topic in (self.topic, *topics)]
+            for number, (connection, _, raw) in enumerate(reader.messages(chosen)):
+                msg = self._decode(connection, raw)
+                if connection.topic != self.topic:
+                    yield from _pose_events(connection, msg)
+                    continue
+                read = read_sweep if connection.msgtype == CLOUD else read_custom_cloud
+                try:
+                    yield read(msg)
+                except InputError as error:
+                    place = f"message {number} of {self.topic} in {self.path}"
+                    raise InputError(f"{place}: {error}", error.reason) from error
+
+    def pose_topics(self) -> dict[str, PoseSample | None]:
+        """The topics with poses of the bag, each with its first valid one; /tf, if it has that."""
+        with _opened(self.path) as reader:
+            found = {c.topic: c for c in reader.connections if c.msgtype in POSE_TYPES}
+            topics = {topic: self._first_pose(reader, found[topic]) for topic in sorted(found)}
+            if any(c.topic == TF.name and c.msgcount for c in reader.connections):
+                topics[TF.name] = None
+        return {topic: pose for topic, pose in topics.items() if pose or topic == TF.name}
+
+    def _first_pose(self, reader: Reader1 | Reader2, topic: Connection) -> PoseSample | None:
+        for connection, _, raw in reader.messages([topic]):
+            events = _pose_events(connection, self._decode(connection, raw))
+            if isinstance(events[0], PoseSample):
+                return events[0]
+        return None
+
+    def _decode(self, connection: Connection, raw: bytes) -> Any:
         if self.path.suffix == ".bag":
-            msg = _store(Stores.ROS1_NOETIC).deserialize_ros1(raw, CLOUD)
-        else:
-            msg = _store(Stores.ROS2_JAZZY).deserialize_cdr(raw, CLOUD)
-        try:
-            return read_sweep(msg)
-        except InputError as error:
-            place = f"message {number} of {self.topic} in {self.path}"
-            raise InputError(f"{place}: {error}", error.reason) from error
+            return _types(Stores.ROS1_NOETIC, connection).deserialize_ros1(raw, connection.msgtype)
+        return _types(Stores.ROS2_JAZZY, connection).deserialize_cdr(raw, connection.msgtype)
+
+
+def _pose_events(connection: Connection, msg: Any) -> list[Event]:
+    try:
+        if connection.msgtype == TF_MESSAGE:
+            return [*read_transforms(msg, connection.topic == TF_STATIC.name)]
+        return [read_odometry(msg)]
+    except InputError as error:
+        return [RefusedPose(error.reason, f"{connection.topic}: {error}")]
+
+
+def _types(store: Stores, connection: Connection) -> Typestore:
+    """The types of a distribution, with that of the connection from the bag's own definition."""
+    types = _store(store)
+    if connection.msgtype not in types.types:
+        definition = connection.msgdef.data
+        if connection.msgtype == TF_MESSAGE:
+            definition = "geometry_msgs/TransformStamped[] transforms"
+        if not definition:
+            problem = f"the bag lacks the definition of {connection.msgtype}"
+            raise InputError(f"{problem}; record it as mcap, which holds it", "no_definition")
+        types.register(get_types_from_msg(definition, connection.msgtype))
+    return types
 
 
 def read_messages(path: Path, topic: str) -> Iterator[tuple[bytes, Any]]:
@@ -123,7 +181,7 @@ def _opened(path: Path) -> Iterator[Reader1 | Reader2]:
 
 def _choose(path: Path, connections: list[Connection], topic: str) -> str:
     """The topic to read; InputError lists the topics of the bag."""
-    clouds = sorted({c.topic for c in connections if c.msgtype == CLOUD})
+    clouds = sorted({c.topic for c in connections if c.msgtype in (CLOUD, *CUSTOM_CLOUDS)})
     if not clouds:
         topics = ", ".join(sorted({c.topic for c in connections})) or "no topic"
         raise InputError(f"{path} has no topic of type PointCloud2; it has {topics}", "no_topic")

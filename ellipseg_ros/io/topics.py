@@ -33,11 +33,16 @@ CLOUD = "sensor_msgs/msg/PointCloud2"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 SEGMENT_ARRAY = "ellipseg_ros/msg/SegmentArray"
 LANDMARK_ARRAY = "ellipseg_ros/msg/LandmarkArray"
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 CURVE = "ellipseg_ros/msg/TuningCurve"
 TRIGGER = "std_srvs/srv/Trigger"
 
 # The segmenter's subscription has the depth and reliability of its parameters input_*.
 POINTS = Topic("points", CLOUD, (REPLAYER,), (SEGMENTER,), depth=1000)
+ODOMETRY = Topic("odometry", ODOMETRY_TYPE, (REPLAYER,), (SEGMENTER,), depth=1000)
+TF = Topic("/tf", TF_MESSAGE, (), (SEGMENTER,), depth=1000)
+TF_STATIC = Topic("/tf_static", TF_MESSAGE, (), (SEGMENTER,), depth=1000, latched=True)
 SEGMENTED_POINTS = Topic("segmented_points", CLOUD, (SEGMENTER,))
 ELLIPSOIDS = Topic("ellipsoids", MARKERS, (SEGMENTER,))
 LANDMARKS = Topic("landmarks", LANDMARK_ARRAY, (SEGMENTER,), (ASSOCIATOR,))
@@ -61,4 +66,8 @@ CLEAR = Service("~/clear", TRIGGER, ASSOCIATOR)
 PAUSE = Service("~/pause", "std_srvs/srv/SetBool", REPLAYER)
 SERVICES = (RESET, TUNE, SAVE, LOAD, CLEAR, PAUSE)
 
-BAG_TOPICS = {f"/{topic.name}": topic for topic in (POINTS, *UPDATE_TOPICS)}  # by name in a bag
+# By name in a bag.
+BAG_TOPICS = {
+    f"/{topic.name.lstrip('/')}": topic
+    for topic in (POINTS, ODOMETRY, TF, TF_STATIC, *UPDATE_TOPICS)
+}

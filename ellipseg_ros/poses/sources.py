@@ -111,7 +111,7 @@ class OdometryPoses:
             return given
         if frame_id == self.frame_id:
             return None
-        if frame_id == self.child_frame_id:
+        if self.child_frame_id in (frame_id, ""):  # none: the poses are those of the sensor
             return IDENTITY
         path = self.tree.path(self.child_frame_id, frame_id)
         found = None if path is None else static_transform(path)
