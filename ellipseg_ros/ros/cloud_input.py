@@ -17,6 +17,7 @@ from ellipseg_ros.ros.topics import create_subscription
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 FIXED = {"reliable": RELIABLE, "best_effort": BEST_EFFORT}
+MAX_OVERLAP = 20  # clouds after which a replaced subscription is destroyed in any case
 
 
 class CloudInput:
@@ -27,7 +28,6 @@ class CloudInput:
 
     Reliability `auto`: that of the publishers; best effort if one of them offers nothing else.
     Best effort matches every publisher, but large clouds are lost if one of their fragments is.
-    A change of reliability replaces the subscription, and may lose the clouds of that moment.
     """
 
     def __init__(
@@ -45,6 +45,9 @@ class CloudInput:
         self._topic = node.resolve_topic_name(POINTS.name)
         self._number: int | None = None  # of the last cloud, assigned by its publisher
         self._several = False  # publishers, at the last gap
+        # After a change of reliability both subscriptions live on, until a cloud arrives on both.
+        self._replaced: Subscription[Any] | None = None
+        self._overlap: list[tuple[int, int | None]] = []  # clouds that arrived meanwhile
         # A publisher may match, and `_adapt` run, before `_subscribe` has returned.
         self._lock = Lock()  # for reliability and subscription
         with self._lock:
@@ -76,16 +79,30 @@ class CloudInput:
             if required == self.reliability:
                 return
             self.reliability = required
-            replaced, self._subscription = self._subscription, self._subscribe()
-            self._node.destroy_subscription(replaced)
+            if self._replaced is not None:
+                self._node.destroy_subscription(self._replaced)
+            self._replaced, self._subscription = self._subscription, self._subscribe()
         name = required.name.lower().replace("_", " ")
         self._node.get_logger().info(
             f"{self._topic}: {name}, as its publishers are", **throttled(1.0)
         )
 
     def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:
-        self._check_gap(info["publication_sequence_number"])
+        number = info["publication_sequence_number"]
+        if self._replaced is not None and self._is_duplicate((info["source_timestamp"], number)):
+            return
+        self._check_gap(number)
         self._pass_on(msg)
+
+    def _is_duplicate(self, cloud: tuple[int, int | None]) -> bool:
+        """Whether the cloud has arrived on both subscriptions; the new one is complete then."""
+        duplicate = cloud in self._overlap
+        self._overlap.append(cloud)
+        if duplicate or len(self._overlap) == MAX_OVERLAP:
+            self._node.destroy_subscription(self._replaced)
+            self._replaced = None
+            self._overlap.clear()
+        return duplicate
 
     def _check_gap(self, number: int | None) -> None:
         """Report a gap in the publisher's numbers.

@@ -15,7 +15,7 @@ import pytest
 from sources import ROOT, parse
 
 from ellipseg_ros.cli.parser import build_parser
-from ellipseg_ros.config import AssociationConfig, Config, MapConfig, NodeConfig
+from ellipseg_ros.config import AssociationConfig, Config, MapConfig, NodeConfig, PlacementConfig
 from ellipseg_ros.io.topics import ASSOCIATOR, CLOCK, REPLAYER, SEGMENTER, SERVICES, TOPICS
 from ellipseg_ros.settings import iterate_settings
 
@@ -138,12 +138,13 @@ def matches(text: str, phrase: str) -> bool:
 
 
 def diagnostic_texts(path: Path) -> list[str]:
-    """The texts that a module returns beside a level, or adds to the warnings."""
+    """The texts that a module returns beside a level, or in a table of warnings."""
     texts = []
     for node in ast.walk(parse(path)):
         values: list[ast.expr] = []
         if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple | ast.List):
-            values = node.value.elts
+            rows = node.value.elts
+            values = [row.elts[0] if isinstance(row, ast.Tuple) else row for row in rows]
         elif isinstance(node, ast.Return) and isinstance(node.value, ast.IfExp):
             values = [
                 element
@@ -151,10 +152,6 @@ def diagnostic_texts(path: Path) -> list[str]:
                 if isinstance(branch, ast.Tuple)
                 for element in branch.elts
             ]
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("warnings.append"):
-            values = node.args
-        elif isinstance(node, ast.Yield) and node.value is not None:
-            values = [node.value]
         for value in values:
             text = "".join(part for part in constants(value))
             if " " in text or text == "segmenting":
@@ -271,7 +268,7 @@ def test_files_named_in_the_architecture_page_exist() -> None:
 
 
 def test_settings_named_in_the_pages_exist() -> None:
-    configs = (Config(), NodeConfig(), AssociationConfig(), MapConfig())
+    configs = (Config(), NodeConfig(), PlacementConfig(), AssociationConfig(), MapConfig())
     known = {name for config in configs for name, _, _ in iterate_settings(config)}
     prefixes = ("graph.", "model.", "objects.s", "objects.t", "max_", "marker_")
     for page in WRITTEN_BY_US:

@@ -36,7 +36,6 @@ RARE = {
     ("parameters.py", "_initial_values"): "once, at the start",
     ("process.py", "_report"): "once, at the end",
     ("replayer.py", "_play"): "once, at the end",
-    ("segmenter_node.py", "_check_frame"): "for the first ten frames",
     ("segmenter_node.py", "_work"): "twice, at the start",
     ("worker.py", "_update"): "has a quota",
 }
