@@ -7,7 +7,14 @@ sros2/ellipseg.policy.xml grants the topics and services of ellipseg_ros/io/topi
 from collections.abc import Iterator
 from pathlib import Path
 
-from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
+from ellipseg_ros.config import (
+    AssociationConfig,
+    AssociatorConfig,
+    Config,
+    MapConfig,
+    NodeConfig,
+    PlacementConfig,
+)
 from ellipseg_ros.io.topics import NODES, SERVICES, TOPICS
 from ellipseg_ros.settings import Checked, Setting, iterate_settings
 
@@ -44,7 +51,7 @@ Rights = dict[tuple[str, str], list[str]]  # (kind, right) -> names
 def files() -> dict[Path, str]:
     """The generated files and their texts."""
     return {
-        FOLDER / "segmenter.yaml": as_yaml(Config(), NodeConfig()),
+        FOLDER / "segmenter.yaml": as_yaml(Config(), NodeConfig(), PlacementConfig()),
         FOLDER / "associator.yaml": as_yaml(
             AssociationConfig(), MapConfig(), AssociatorConfig(), node="associator"
         ),

@@ -16,7 +16,14 @@ from pathlib import Path
 
 import ellipseg_ros
 from ellipseg_ros.cli.parser import build_parser
-from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
+from ellipseg_ros.config import (
+    AssociationConfig,
+    AssociatorConfig,
+    Config,
+    MapConfig,
+    NodeConfig,
+    PlacementConfig,
+)
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import ReplaySource
 from ellipseg_ros.settings import Checked, iterate_settings
@@ -65,7 +72,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 def parameters() -> str:
     """Tables of the parameters of the three nodes."""
     sections = [
-        ("Segmenter", (Config(), NodeConfig())),
+        ("Segmenter", (Config(), NodeConfig(), PlacementConfig())),
         ("Associator", (AssociationConfig(), MapConfig(), AssociatorConfig())),
         ("Replayer", (ReplayOptions(), ReplaySource())),
     ]

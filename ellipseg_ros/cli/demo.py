@@ -3,8 +3,9 @@
 import os
 import sys
 from argparse import Namespace
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,9 +17,10 @@ from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.cli.verification import Verification, recorded_updates
 from ellipseg_ros.io.atomic_files import write_text
 from ellipseg_ros.io.bag import BagSink
-from ellipseg_ros.io.sources import Source
+from ellipseg_ros.io.sources import Source, as_odometry
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.playback import ReplayOptions, ReplaySummary
+from ellipseg_ros.poses.placer import Event, Outcome, Placer
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.ros.replayer import Replayer
@@ -54,9 +56,11 @@ class LiveRun(NamedTuple):
 def run(args: Namespace) -> int:
     """Run, verify and report; returns the exit code, 1 if the verification failed."""
     results.require_plots(args)
-    source = open_input(args.data, args)
+    settings = read_settings(args)
+    source = as_odometry(open_input(args.data, args, settings.placement))
     defaults = {"max_points_per_second": MAX_POINTS_PER_SECOND} if source.duration else {}
     settings = with_settings(read_settings(args, defaults), REPRODUCIBLE)
+    settings = replace(settings, placement=source.placement)
     folder = Path(args.output)
     results.prepare(folder, args.data)
     with isolation.reserved_domain() as number:
@@ -101,7 +105,8 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
     with ExitStack() as stack:
         bag = stack.enter_context(BagSink(folder / results.BAG, settings.node))
         recorder = stack.enter_context(Recorder(bag, client_args))
-        replayer = stack.enter_context(Replayer(source, options, client_args))
+        events = Observed(source, recorder, Grouping(settings.config))
+        replayer = stack.enter_context(Replayer(events, options, client_args, source.placement))
 
         def abort(reason: str) -> None:
             recorder.stop(reason)
@@ -114,30 +119,38 @@ def _run_node(source: Source, settings: Settings, folder: Path, args: Namespace)
         node.start()
         recorder.wait_for_topics(START_TIMEOUT_S)
         bar = stack.enter_context(report.progress_bar(source.count, "clouds", args))
-        sent, updates = _send(replayer, recorder, Grouping(settings.config), bar)
-        recorder.wait_for_updates(updates, UPDATE_TIMEOUT_S)
-        recorder.wait_for_report("updates", updates, UPDATE_TIMEOUT_S)
-        live = LiveRun(sent, updates, recorder.diagnostics, node.peak_memory_mb())
+        sent = replayer.run(lambda _: bar.update())
+        # No cloud reaches the end of the last update period; a reset ends it.
+        recorder.wait_for_report("clouds received", sent.clouds, UPDATE_TIMEOUT_S)
+        recorder.reset_segmenter(UPDATE_TIMEOUT_S)
+        recorder.wait_for_updates(events.updates, UPDATE_TIMEOUT_S)
+        recorder.wait_for_report("updates", events.updates, UPDATE_TIMEOUT_S)
+        live = LiveRun(sent, events.updates, recorder.diagnostics, node.peak_memory_mb())
         node.stop()
     return live
 
 
-def _send(
-    replayer: Replayer, recorder: Recorder, grouping: Grouping, bar: report.Progress
-) -> tuple[ReplaySummary, int]:
-    """Send all clouds; returns what was sent, and the number of updates expected of the node."""
-    updates = []
+@dataclass
+class Observed:
+    """The events of a source; each is recorded, and counted in the updates that it leads to."""
 
-    def on_sent(sweep: Sweep) -> None:
-        recorder.write_points(sweep)
-        updates.append(len(grouping.push(sweep)))
-        bar.update()
+    source: Source
+    recorder: Recorder
+    grouping: Grouping
+    updates: int = 0  # expected of the node
 
-    sent = replayer.run(on_sent)
-    # No cloud reaches the end of the last update period; a reset ends it.
-    recorder.wait_for_report("clouds received", sent.clouds, UPDATE_TIMEOUT_S)
-    recorder.reset_segmenter(UPDATE_TIMEOUT_S)
-    return sent, sum(updates) + len(grouping.flush())
+    def __iter__(self) -> Iterator[Event]:
+        placer = Placer(self.source.placement)
+        for event in self.source.events:
+            yield event
+            self.recorder.write_event(event)
+            self._count(placer.take(event))
+        self._count(placer.flush())
+        self.updates += len(self.grouping.flush())
+
+    def _count(self, outcomes: Iterable[Outcome]) -> None:
+        sweeps = (outcome for outcome in outcomes if isinstance(outcome, Sweep))
+        self.updates += sum(len(self.grouping.push(sweep)) for sweep in sweeps)
 
 
 def _verify(

@@ -21,6 +21,11 @@ def new_parser(program: str, description: str, examples: str) -> ArgumentParser:
 def add_source_options(command: ArgumentParser) -> None:
     """--topic, --seed and --duration: options of the sources that the command reads."""
     command.add_argument("--topic", default="", help="of the clouds, if a bag has several")
+    about = (
+        "poses of clouds in a sensor's frame: a topic, /tf, a file (TUM or KITTI), kiss-icp, or "
+        "registered for none (default: the only one in the bag)"
+    )
+    command.add_argument("--odometry", default="", metavar="POSES", help=about)
     add_scene_options(command)
 
 

@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from ellipseg_ros.cli.report import print_status, progress_bar
 from ellipseg_ros.cli.sources import open_input
+from ellipseg_ros.io.sources import as_odometry
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import Replayer
 
@@ -15,9 +16,10 @@ def run(args: Namespace) -> int:
     options = ReplayOptions(
         rate=args.rate, loop=args.loop, start_paused=args.paused, ahead=args.ahead or 0.0
     )
-    source = open_input(args.source, args)
+    source = as_odometry(open_input(args.source, args))
     total = None if args.loop else source.count
-    with Replayer(source, options) as replayer, progress_bar(total, "clouds", args) as bar:
+    player = Replayer(source.events, options, placement=source.placement)
+    with player as replayer, progress_bar(total, "clouds", args) as bar:
         sent = replayer.run(lambda _: bar.update())
     if args.json:
         print(json.dumps(asdict(sent), indent=2))

@@ -32,6 +32,8 @@ class Meter:
     restarts: int = 0
     late: int = 0  # points older than the window when they arrived
     evicted: int = 0  # points that expired early because of `max_points`
+    filtered: int = 0  # points removed by range or place in the sensor's frame
+    unplaced: int = 0  # points without a pose
     started: float = field(default_factory=time.perf_counter)
     last: Segmentation | None = None
 
@@ -45,6 +47,8 @@ class Meter:
         self.restarts += bool(result.restart)
         self.late += result.late
         self.evicted += result.evicted
+        self.filtered += result.filtered
+        self.unplaced += result.unplaced
         self.last = result
 
     def summary(self) -> Summary:
@@ -61,6 +65,8 @@ class Meter:
             "points": self.points,
             "points_late": self.late,
             "points_expired_early": self.evicted,
+            "points_filtered": self.filtered,
+            "points_unplaced": self.unplaced,
             "sensor_s": round(sensor_s, 3),
             "wall_s": round(wall_s, 3),
             "times_real_time": round(sensor_s / wall_s, 2) if sensor_s else None,
@@ -162,6 +168,13 @@ def _run_rows(summary: Summary) -> Iterator[tuple[str, str]]:
         yield "  late", f"{summary['points_late']:,}: older than the window when they arrived"
     if summary["points_expired_early"]:
         yield "  expired early", f"{summary['points_expired_early']:,}: `max_points` was reached"
+    if summary["points_filtered"]:
+        yield (
+            "  filtered",
+            f"{summary['points_filtered']:,}: see min_range, max_range, self_filter",
+        )
+    if summary["points_unplaced"]:
+        yield "  unplaced", f"{summary['points_unplaced']:,}: there was no pose for them"
     if summary["times_real_time"]:
         duration = f"{summary['sensor_s']:.1f} s of data in {summary['wall_s']:.1f} s"
         yield "speed", f"{duration}: {summary['times_real_time']:g} x real time"

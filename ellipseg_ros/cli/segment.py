@@ -23,7 +23,7 @@ def run(args: Namespace) -> int:
     """Segment `args.source` and write the results; returns the exit code."""
     results.require_plots(args)
     settings = read_settings(args)
-    source = open_input(args.source, args)
+    source = open_input(args.source, args, settings.placement)
     folder = Path(args.output or f"{source.name}_segmented")
     results.prepare(folder, args.source)
     compile_kernels(args)
@@ -59,7 +59,7 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
                 if warning:
                     print_status(warning, args)
                 if bag is not None:
-                    bag.write_points(sweep)
+                    bag.write_event(sweep)
                 yield sweep
 
         for _, result in run_updates(observed(), config, meter):
@@ -67,4 +67,6 @@ def _segment(source: Source, settings: Settings, folder: Path, args: Namespace) 
                 print_status(f"the window restarts: {result.restart}", args)
             if bag is not None:
                 bag.write_update(result)
+    for text in source.problems.values():
+        print_status(f"not all could be used: {text}", args)
     return meter

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml  # PyYAML, which ROS itself reads parameter files with
 
-from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.config import Config, NodeConfig, PlacementConfig
 from ellipseg_ros.errors import ConfigError, reason
 from ellipseg_ros.settings import Value, flatten, with_values
 
@@ -19,10 +19,11 @@ class Settings:
 
     config: Config = field(default_factory=Config)
     node: NodeConfig = field(default_factory=NodeConfig)
+    placement: PlacementConfig = field(default_factory=PlacementConfig)
 
     def flat(self) -> dict[str, Value]:
         """All parameters by dotted name."""
-        return flatten(self.config) | flatten(self.node)
+        return flatten(self.config) | flatten(self.node) | flatten(self.placement)
 
 
 def read_settings(args: Namespace, defaults: dict[str, Any] | None = None) -> Settings:
@@ -49,7 +50,11 @@ def with_settings(settings: Settings, values: dict[str, Any]) -> Settings:
     if unknown:
         raise ConfigError(f"there is no setting {min(unknown)}; there are {', '.join(defaults)}")
     typed = {name: _typed(name, value, defaults[name]) for name, value in values.items()}
-    return Settings(with_values(settings.config, typed), with_values(settings.node, typed))
+    return Settings(
+        with_values(settings.config, typed),
+        with_values(settings.node, typed),
+        with_values(settings.placement, typed),
+    )
 
 
 def parameter_file(values: Mapping[str, Any]) -> str:

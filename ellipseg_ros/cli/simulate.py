@@ -16,7 +16,7 @@ def run(args: Namespace) -> int:
     points = 0
     with BagSink(Path(args.output)) as bag, progress_bar(source.count, "clouds", args) as bar:
         for sweep in source:
-            bag.write_points(sweep)
+            bag.write_event(sweep)
             points += len(sweep)
             bar.update()
     summary = {"bag": args.output, "points": points, "clouds": source.count}

@@ -34,7 +34,8 @@ def run(args: Namespace) -> int:
     criteria = tuple(CRITERIA) if use_all else (settings.config.criterion,)
     for criterion in criteria:
         search.grid(criterion)  # reports an invalid range here, not in every window
-    sources = {spec: open_input(spec, args) for spec in dict.fromkeys(args.sources)}
+    specs = dict.fromkeys(args.sources)
+    sources = {spec: open_input(spec, args, settings.placement) for spec in specs}
     first = next(iter(sources.values()))
     folder = Path(args.output or f"{first.name}_tuned")
     for spec in sources:

@@ -26,10 +26,17 @@ from ellipseg_ros.io.atomic_files import write_errors
 from ellipseg_ros.io.bag_writer import BagWriter
 from ellipseg_ros.io.livox import CUSTOM_CLOUDS, read_custom_cloud
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
-from ellipseg_ros.io.pose_messages import POSE_TYPES, read_odometry, read_transforms
+from ellipseg_ros.io.pose_messages import (
+    POSE_TYPES,
+    read_odometry,
+    read_transforms,
+    write_odometry,
+    write_transform,
+)
 from ellipseg_ros.io.topics import (
     BAG_TOPICS,
     CLOUD,
+    ODOMETRY,
     POINTS,
     SEGMENTS,
     TF,
@@ -37,7 +44,7 @@ from ellipseg_ros.io.topics import (
     TF_STATIC,
 )
 from ellipseg_ros.io.update_messages import UpdateMessages
-from ellipseg_ros.poses.placer import Event, RefusedPose
+from ellipseg_ros.poses.placer import Event, RefusedPose, TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import Segmentation, Sweep
 
@@ -230,9 +237,17 @@ class BagSink:
             if not complete:
                 shutil.rmtree(self.path, ignore_errors=True)
 
-    def write_points(self, sweep: Sweep) -> None:
-        """Write an input cloud, on /points."""
-        self.write(f"/{POINTS.name}", sweep.stamp_ns, write_sweep(sweep))
+    def write_event(self, event: Event) -> None:
+        """Write a cloud on /points, a pose on /odometry, or a transform on /tf or /tf_static."""
+        if isinstance(event, Sweep):
+            self.write(f"/{POINTS.name}", event.stamp_ns, write_sweep(event))
+        elif isinstance(event, PoseSample):
+            message = write_odometry(event, node_types())
+            self.write(f"/{ODOMETRY.name}", event.time_ns, message)
+        elif isinstance(event, TransformSample):
+            topic = TF_STATIC if event.static else TF
+            message = write_transform(event.sample, node_types())
+            self.write(topic.name, event.sample.time_ns, message)
 
     def write_update(self, segmentation: Segmentation) -> None:
         """Write the messages of an update, at the time of its newest point."""

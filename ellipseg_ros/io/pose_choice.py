@@ -13,13 +13,13 @@ from ellipseg_ros.io.frames import looks_like_a_sensor
 from ellipseg_ros.io.pose_files import read_pose_file
 from ellipseg_ros.io.raw_drive import RawDrive
 from ellipseg_ros.io.topics import TF, TF_STATIC
+from ellipseg_ros.poses.conversion import odometry_of, read_tree
 from ellipseg_ros.poses.kiss_icp import KISS_ICP, kiss_icp_poses
-from ellipseg_ros.poses.placer import Event, TransformSample
+from ellipseg_ros.poses.placer import Event
 from ellipseg_ros.poses.series import PoseSample
-from ellipseg_ros.poses.sources import new_tree
+from ellipseg_ros.poses.tree import static_transform
 from ellipseg_ros.records import Sweep
 
-REGISTERED = PlacementConfig(pose_source="registered")
 TRANSFORMS = (TF.name, TF_STATIC.name)
 FIXED_FRAMES = ("odom", "map", "world")  # by REP-105; the first that tf connects to the clouds
 CHOICES = (
@@ -55,6 +55,16 @@ class Merged:
                 left += 1
             yield cloud
         yield from self.poses[left:]
+
+
+@dataclass(frozen=True)
+class OnlyClouds:
+    """The clouds among events."""
+
+    events: Iterable[Event]
+
+    def __iter__(self) -> Iterator[Sweep]:
+        return (event for event in self.events if isinstance(event, Sweep))
 
 
 @dataclass(frozen=True)
@@ -125,6 +135,29 @@ def _of_bag(bag: BagSweeps, topic: str, config: PlacementConfig) -> Poses:
     return Poses(events, placement, f"the topic {topic}", pose.frame_id)
 
 
+def without_transforms(poses: Poses, frame_id: str) -> Poses:
+    """The same poses as an odometry alone, for a node that gets no tf.
+
+    frame_id: of the clouds. Poses of tf become an odometry; a static transform becomes the
+    parameter `extrinsic`.
+    """
+    config, events = poses.placement, poses.events
+    if config.pose_source == "tf":
+        samples = odometry_of(read_tree(events, config), frame_id, config)
+        merged = Merged(OnlyClouds(events), samples)
+        placement = replace(config, pose_source="odometry", odometry_stamp="exact", extrinsic="")
+        return replace(poses, events=merged, placement=placement)
+    first = next((event for event in events if isinstance(event, PoseSample)), None)
+    if config.pose_source == "registered" or config.extrinsic or first is None:
+        return poses
+    path = read_tree(events, config).path(first.child_frame_id, frame_id)
+    extrinsic = static_transform(path) if path else None
+    if extrinsic is None or frame_id in (first.frame_id, first.child_frame_id):
+        return poses
+    numbers = " ".join(map(repr, (*extrinsic.position.tolist(), *extrinsic.rotation.tolist())))
+    return replace(poses, placement=replace(config, extrinsic=numbers))
+
+
 def _suggested_topic(bag: BagSweeps, config: PlacementConfig) -> str:
     """The topic with the poses of the clouds, if there is one choice; empty: none is needed."""
     topics = bag.pose_topics()
@@ -147,13 +180,7 @@ def _suggested_topic(bag: BagSweeps, config: PlacementConfig) -> str:
 
 def _fixed_frame(bag: BagSweeps) -> str:
     """A fixed frame that tf connects to the clouds: by name, or else the root."""
-    tree = new_tree(PlacementConfig())
-    for event in bag.events(TRANSFORMS):
-        if isinstance(event, TransformSample):
-            try:
-                tree.add(event.sample, event.static)
-            except InputError:
-                continue  # counted when the clouds are placed
+    tree = read_tree(bag.events(TRANSFORMS), PlacementConfig())
     names = [*FIXED_FRAMES, tree.root(bag.frame_id)]
     connected = [name for name in names if name != bag.frame_id and tree.path(name, bag.frame_id)]
     if not connected:

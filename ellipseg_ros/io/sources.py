@@ -10,7 +10,12 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.bag import SUFFIXES, BagSweeps, is_bag
 from ellipseg_ros.io.cloud_file import CloudSweeps
 from ellipseg_ros.io.formats import FORMATS
-from ellipseg_ros.io.pose_choice import REGISTERED, Clouds, Poses, choose_poses
+from ellipseg_ros.io.pose_choice import (
+    Clouds,
+    Poses,
+    choose_poses,
+    without_transforms,
+)
 from ellipseg_ros.io.raw_drive import RawDrive, is_raw_drive
 from ellipseg_ros.poses.placement import Unplaced
 from ellipseg_ros.poses.placer import Event, Placer, RefusedPose, outcomes
@@ -33,7 +38,7 @@ class Source:
     count: int | None  # clouds, if known
     duration: float | None  # s of sensor time, if known
     events: Iterable[Event]  # clouds as they are stored, and poses, in the order of arrival
-    placement: PlacementConfig = REGISTERED  # how they are placed
+    placement: PlacementConfig = PlacementConfig(pose_source="registered")  # how they are placed
     about_poses: str = ""  # where the poses come from, in words; empty: the clouds are registered
     problems: dict[str, str] = field(default_factory=dict)  # text by reason, of the last iteration
 
@@ -82,6 +87,14 @@ def open_source(
     name = path.resolve().stem if path.is_file() else path.resolve().name
     poses = choose_poses(clouds, odometry, placement or PlacementConfig())
     return _source(name, clouds, poses)
+
+
+def as_odometry(source: Source) -> Source:
+    """The source with its poses as an odometry alone, as a replayer publishes them."""
+    clouds = (event for event in source.events if isinstance(event, Sweep))
+    frame_id = next((cloud.frame_id for cloud in clouds), "")
+    poses = without_transforms(Poses(source.events, source.placement), frame_id)
+    return replace(source, events=poses.events, placement=poses.placement)
 
 
 def _source(name: str, clouds: Clouds, poses: Poses) -> Source:

@@ -4,21 +4,23 @@ from collections import deque
 
 import numpy as np
 
-from ellipseg_ros.config import Config
+from ellipseg_ros.config import Config, PlacementConfig
 from ellipseg_ros.node.grouping import Grouping
+from ellipseg_ros.poses.placer import Event, Placer
 from ellipseg_ros.records import SECOND, Sweep
 
 
 class FlowControl:
-    """Predicts the node's updates from the sent clouds, and which of them are outstanding.
+    """Predicts the node's updates from what is sent, and which of them are outstanding.
 
-    config: of the node, for its update period and lateness.
+    config: of the node, for its update period and lateness. placement: likewise.
     ahead: s of sensor time that a cloud may be ahead of the last acknowledged update. While no
         update is outstanding every cloud may be sent, so that neither gaps nor a short `ahead`
         block the replay.
     """
 
-    def __init__(self, config: Config, ahead: float) -> None:
+    def __init__(self, config: Config, ahead: float, placement: PlacementConfig) -> None:
+        self._placer = Placer(placement)
         self._grouping = Grouping(config)
         self._ahead_ns = round(ahead * SECOND)
         self._outstanding: deque[tuple[int, int]] = deque()  # run between restarts; end, ns
@@ -32,12 +34,15 @@ class FlowControl:
         limit_ns = self._acknowledged_ns + self._ahead_ns
         return not self._outstanding or sweep.stamp_ns <= limit_ns
 
-    def send(self, sweep: Sweep) -> None:
-        """Register a cloud that is sent."""
-        newest = [sweep.offsets_ns.argmax()] if len(sweep) else []
-        # The newest point is enough: grouping depends on the stamps and fields only.
-        for group in self._grouping.push(sweep.keep(np.array(newest, int))):
-            self._expect(group)
+    def send(self, event: Event) -> None:
+        """Register a cloud or a pose that is sent."""
+        for sweep in self._placer.take(event):
+            if not isinstance(sweep, Sweep):
+                continue
+            newest = [sweep.offsets_ns.argmax()] if len(sweep) else []
+            # The newest point is enough: grouping depends on the stamps and fields only.
+            for group in self._grouping.push(sweep.keep(np.array(newest, int))):
+                self._expect(group)
 
     def acknowledge(self, end_ns: int) -> None:
         """Register a published update whose newest point is of `end_ns`."""

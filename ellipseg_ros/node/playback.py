@@ -5,10 +5,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from threading import Condition
 
-from ellipseg_ros.config import Config
+from ellipseg_ros.config import Config, PlacementConfig
 from ellipseg_ros.node.flow_control import FlowControl
+from ellipseg_ros.poses.placer import Event, RefusedPose, TransformSample
+from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.settings import Checked, fixed
+
+REGISTERED = PlacementConfig(pose_source="registered")
 
 
 @dataclass(frozen=True)
@@ -60,19 +64,19 @@ class ReplaySummary:
 class Playback:
     """Plays a source in the calling thread; the other methods are for other threads.
 
-    send: publishes a cloud. log: gets a line for the user when the replay waits.
+    send: publishes a cloud or a pose. log: gets a line for the user when the replay waits.
     """
 
     def __init__(
         self,
         options: ReplayOptions,
-        send: Callable[[Sweep], None],
+        send: Callable[[Event], None],
         log: Callable[[str], None],
     ) -> None:
         self._options = options
         self._send = send
         self._log = log
-        self._flow = FlowControl(Config(update_period=options.update_period), options.ahead)
+        self._flow = self._new_flow(REGISTERED)
         self._pace = Pace(options.rate)
         self._changed = Condition()
         self._paused = options.start_paused
@@ -80,14 +84,22 @@ class Playback:
         self._stopped = False
         self._summary = ReplaySummary()
 
-    def play(
-        self, source: Iterable[Sweep], progress: Callable[[Sweep], None] = lambda _: None
-    ) -> ReplaySummary:
-        """Send every cloud when it is due; with `ahead`, wait for the last update.
+    def _new_flow(self, placement: PlacementConfig) -> FlowControl:
+        config = Config(update_period=self._options.update_period)
+        return FlowControl(config, self._options.ahead, placement)
 
-        progress: called after every cloud.
+    def play(
+        self,
+        source: Iterable[Event],
+        progress: Callable[[Sweep], None] = lambda _: None,
+        placement: PlacementConfig = REGISTERED,
+    ) -> ReplaySummary:
+        """Send every cloud and pose when it is due; with `ahead`, wait for the last update.
+
+        progress: called after every cloud. placement: how the segmenter places them.
         """
         with self._changed:
+            self._flow = self._new_flow(placement)
             if not self._subscribed:
                 self._log("waiting for a subscriber of `points`")
             self._changed.wait_for(lambda: self._subscribed or self._stopped)
@@ -126,36 +138,40 @@ class Playback:
             self._stopped = True
             self._changed.notify_all()
 
-    def _run(self, source: Iterable[Sweep], progress: Callable[[Sweep], None]) -> bool:
+    def _run(self, source: Iterable[Event], progress: Callable[[Sweep], None]) -> bool:
         """Play the source once; False if the replay was stopped or the source is empty."""
         newest_ns = None
         self._pace.restart()
-        for sweep in source:
-            if not self._wait_until_due(sweep):
+        for event in source:
+            if isinstance(event, RefusedPose):
+                continue
+            if not self._wait_until_due(event):
                 return False
-            self._send(sweep)
-            self._summary.clouds += 1
-            self._summary.points += len(sweep)
-            if newest_ns is not None:
-                self._summary.sensor_seconds += max(0, sweep.stamp_ns - newest_ns) / SECOND
-            newest_ns = sweep.stamp_ns
-            progress(sweep)
+            self._send(event)
+            if isinstance(event, Sweep):
+                self._summary.clouds += 1
+                self._summary.points += len(event)
+                if newest_ns is not None:
+                    self._summary.sensor_seconds += max(0, event.stamp_ns - newest_ns) / SECOND
+                newest_ns = event.stamp_ns
+                progress(event)
         self._summary.runs += 1
         return newest_ns is not None
 
-    def _wait_until_due(self, sweep: Sweep) -> bool:
-        """Wait until the cloud is due, and register it; False if the replay was stopped."""
+    def _wait_until_due(self, event: Sweep | PoseSample | TransformSample) -> bool:
+        """Wait until the cloud or pose is due, and register it; False if stopped meanwhile."""
+        stamp_ns = stamp_of(event)
         with self._changed:
             while not self._stopped:
                 if self._paused:
                     self._changed.wait()
-                elif not self._flow.may_send(sweep):
+                elif isinstance(event, Sweep) and not self._flow.may_send(event):
                     self._wait_for_update()
-                elif (remaining := self._pace.remaining(sweep.stamp_ns)) > 0.0:
+                elif (remaining := self._pace.remaining(stamp_ns)) > 0.0:
                     self._changed.wait(remaining)
                 else:
                     if self._options.ahead:
-                        self._flow.send(sweep)
+                        self._flow.send(event)
                     return True
             return False
 
@@ -169,6 +185,13 @@ class Playback:
                 "(does the segmenter run, with update_period "
                 f"{self._options.update_period:g}?)"
             )
+
+
+def stamp_of(event: Sweep | PoseSample | TransformSample) -> int:
+    """When a cloud, pose or transform is due, ns."""
+    if isinstance(event, Sweep):
+        return event.stamp_ns
+    return event.sample.time_ns if isinstance(event, TransformSample) else event.time_ns
 
 
 class Pace:

@@ -59,6 +59,11 @@ class PoseSeries:
         poses = self._epochs[-1].values
         return int(poses["time_ns"][-1]) if len(poses) else None
 
+    @property
+    def poses(self) -> Array:
+        """Poses (p,) of POSE of the first epoch that is kept."""
+        return self._epochs[0].values
+
     def add(self, time_ns: int, pose: Transform) -> None:
         """Append a pose; InputError if it is not newer than the last one."""
         newest = self.newest_ns

@@ -10,7 +10,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.topics import ELLIPSOIDS, LANDMARKS, RESET, SEGMENTER, SEGMENTS, UPDATE_TOPICS
 from ellipseg_ros.node.abortable_condition import AbortableCondition
-from ellipseg_ros.records import Sweep
+from ellipseg_ros.poses.placer import Event
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.subscriptions import header_stamp_ns, sequence_number, subscribe_outputs
 
@@ -24,8 +24,8 @@ class Sink(Protocol):
     def write(self, topic: str, time_ns: int, message: bytes) -> None:
         """Take a serialized message, and the time of its update."""
 
-    def write_points(self, sweep: Sweep) -> None:
-        """Take a cloud that was sent."""
+    def write_event(self, event: Event) -> None:
+        """Take a cloud or a pose that was sent."""
 
 
 class Recorder(AuxiliaryNode):
@@ -53,10 +53,10 @@ class Recorder(AuxiliaryNode):
             on_diagnostics=lambda values: self._update(setattr, self, "diagnostics", values),
         )
 
-    def write_points(self, sweep: Sweep) -> None:
-        """Record a cloud that was sent."""
+    def write_event(self, event: Event) -> None:
+        """Record a cloud or a pose that was sent."""
         with self._changed:
-            self._sink.write_points(sweep)
+            self._sink.write_event(event)
 
     def wait_for_topics(self, timeout: float) -> None:
         """Wait until all topics are connected, so that no update is lost.

@@ -11,11 +11,16 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
+from ellipseg_ros.config import PlacementConfig
 from ellipseg_ros.errors import InputError
+from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.pointcloud2 import write_sweep
-from ellipseg_ros.io.sources import open_source
-from ellipseg_ros.io.topics import CLOCK, PAUSE, POINTS, REPLAYER, SEGMENTS
-from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
+from ellipseg_ros.io.pose_messages import write_odometry
+from ellipseg_ros.io.sources import as_odometry, open_source
+from ellipseg_ros.io.topics import CLOCK, ODOMETRY, PAUSE, POINTS, REPLAYER, SEGMENTS
+from ellipseg_ros.node.playback import REGISTERED, Playback, ReplayOptions, ReplaySummary
+from ellipseg_ros.poses.placer import Event
+from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.process import End, Runnable, run, start_thread
@@ -34,10 +39,11 @@ class ReplaySource(Checked):
 
     source: str = fixed("", "bag, cloud file, or sim:SCENE")
     topic: str = fixed("", "topic of the bag; empty: the only one with clouds")
+    odometry: str = fixed("", "poses of raw clouds, as the option --odometry of `ellipseg replay`")
 
 
 class ReplayerNode(Runnable):
-    """The node `ellipseg_replayer`: publishes `points` and /clock, and offers ~/pause.
+    """The node `ellipseg_replayer`: publishes `points`, `odometry` and /clock; offers ~/pause.
 
     options: the defaults of its parameters.
     """
@@ -49,6 +55,7 @@ class ReplayerNode(Runnable):
         self.playback = Playback(options, self._send, self.log.info)
         matched = PublisherEventCallbacks(matched=self._on_match)
         self._points = create_publisher(node, POINTS, event_callbacks=matched)
+        self._odometry = create_publisher(node, ODOMETRY)
         self._clock = create_publisher(node, CLOCK) if options.clock else None
         if options.ahead:
             create_subscription(node, SEGMENTS, self._on_segments, SEGMENTS_DEPTH, raw=True)
@@ -60,11 +67,15 @@ class ReplayerNode(Runnable):
         self._points.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
         return True
 
-    def _send(self, sweep: Sweep) -> None:
+    def _send(self, event: Event) -> None:
+        if isinstance(event, PoseSample):
+            self._odometry.publish(write_odometry(event, node_types()))
+        if not isinstance(event, Sweep):
+            return
         if self._clock is not None:
-            seconds, nanoseconds = divmod(sweep.stamp_ns, SECOND)
+            seconds, nanoseconds = divmod(event.stamp_ns, SECOND)
             self._clock.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
-        self._points.publish(write_sweep(sweep))
+        self._points.publish(write_sweep(event))
 
     def _on_match(self, event: QoSPublisherMatchedInfo) -> None:
         if event.current_count:
@@ -87,18 +98,20 @@ class Replayer(AuxiliaryNode):
         with Replayer(open_source("drive.mcap"), ReplayOptions(ahead=3.0)) as replayer:
             summary = replayer.run()
 
-    It has a ROS context of its own. args: `--ros-args ...` for it. domain: its ROS_DOMAIN_ID;
-    None: that of the environment. Raises ConfigError.
+    source: clouds, and poses of clouds that are not placed yet, which the segmenter places by
+    `placement`. It has a ROS context of its own. args: `--ros-args ...` for it. domain: its
+    ROS_DOMAIN_ID; None: that of the environment. Raises ConfigError.
     """
 
     def __init__(
         self,
-        source: Iterable[Sweep],
+        source: Iterable[Event],
         options: ReplayOptions | None = None,
         args: list[str] | None = None,
+        placement: PlacementConfig = REGISTERED,
         domain: int | None = None,
     ) -> None:
-        self._source = source
+        self._events, self._placement = source, placement
         self._options = options or ReplayOptions()
         super().__init__(REPLAYER, args or [], domain)
 
@@ -113,7 +126,8 @@ class Replayer(AuxiliaryNode):
 
     def run(self, progress: Callable[[Sweep], None] = lambda _: None) -> ReplaySummary:
         """Play in the calling thread until the end, or `stop`; `progress` gets each cloud."""
-        summary = self._replayer.playback.play(self._source, progress)
+        playback = self._replayer.playback
+        summary = playback.play(self._events, progress, self._placement)
         if self.failed:
             raise self.failed[0]
         return summary
@@ -133,9 +147,11 @@ class ReplayerProcess(ReplayerNode):
 
     def __init__(self, end: End) -> None:
         super().__init__(ReplayOptions())
-        if not self.source.source:
+        source = self.source
+        if not source.source:
             raise InputError("the parameter source is empty; give one: -p source:=drive.mcap, say")
-        self._sweeps = open_source(self.source.source, self.source.topic)
+        opened = open_source(source.source, source.topic, source.odometry)
+        self._played = as_odometry(opened)
         self._end = end
         self._player = start_thread("player", self._play, end)
 
@@ -146,7 +162,7 @@ class ReplayerProcess(ReplayerNode):
         return not self._player.is_alive()
 
     def _play(self) -> None:
-        summary = self.playback.play(self._sweeps)
+        summary = self.playback.play(self._played.events, placement=self._played.placement)
         self.log.info(f"sent {summary.clouds} clouds, {summary.points} points")
         self._end(None)
 

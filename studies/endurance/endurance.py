@@ -18,6 +18,7 @@ from ellipseg_ros.io.pointcloud2 import read_fields
 from ellipseg_ros.io.topics import BAG_TOPICS
 from ellipseg_ros.node.grouping import Grouping, updates
 from ellipseg_ros.node.memory import resident_mb
+from ellipseg_ros.poses.placer import Event
 from ellipseg_ros.records import SECOND, Array, Segmentation, Sweep
 from ellipseg_ros.ros.recorder import Recorder
 from ellipseg_ros.segmenter import Segmenter
@@ -66,7 +67,7 @@ class LatestMessages:
         if topic == "/segments":
             self.memory.append((time_ns, self.memory_mb()))
 
-    def write_points(self, sweep: Sweep) -> None:
+    def write_event(self, event: Event) -> None:
         """Ignore a sent cloud."""
 
     def decoded(self, topic: str) -> Any:

@@ -12,6 +12,7 @@ from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.node.stamps import StampMonitor
+from ellipseg_ros.poses.placer import Event
 from ellipseg_ros.records import SECOND, Segmentation, Sweep
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import simulate
@@ -37,7 +38,7 @@ class Record:
         """Keep a message."""
         self.messages.setdefault(topic, []).append(message)
 
-    def write_points(self, sweep: Sweep) -> None:
+    def write_event(self, event: Event) -> None:
         """Ignore a sent cloud."""
 
 

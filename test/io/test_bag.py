@@ -170,7 +170,7 @@ def test_invalid_cloud_is_named_by_its_number(tmp_path):
     good, bad = list(sweeps(2))
     store = get_typestore(Stores.ROS2_JAZZY)
     with BagSink(tmp_path / "bag") as sink:
-        sink.write_points(good)
+        sink.write_event(good)
         msg = store.deserialize_cdr(write_sweep(bad), CLOUD)
         msg.data = msg.data[:10]
         sink.write("/points", bad.stamp_ns, bytes(store.serialize_cdr(msg, CLOUD)))
@@ -194,7 +194,7 @@ def test_written_bag_holds_the_messages_of_the_node(tmp_path):
     ]
     with BagSink(tmp_path / "out") as sink:
         for sweep in sweeps():
-            sink.write_points(sweep)
+            sink.write_event(sweep)
         for update in found:
             sink.write_update(update)
     assert os.listdir(tmp_path) == ["out"]
@@ -240,14 +240,14 @@ def test_clouds_without_updates_are_flushed_every_few_megabytes(tmp_path):
     with BagSink(tmp_path / "out") as sink:
         for k in range(10):
             xyz = rng.normal(size=(100_000, 3)).astype(np.float32)
-            sink.write_points(Sweep(START_NS + k, xyz, frame_id="map"))
+            sink.write_event(Sweep(START_NS + k, xyz, frame_id="map"))
         seen = shutil.copytree(tmp_path / "out", tmp_path / "seen")
     assert 5 <= len(list(BagSweeps(seen))) <= 10
 
 
 def write_and(path, then):
     with BagSink(path) as sink:
-        sink.write_points(next(sweeps()))
+        sink.write_event(next(sweeps()))
         then()
 
 

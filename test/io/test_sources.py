@@ -12,7 +12,7 @@ def a_bag(path):
     with BagSink(path) as sink:
         for k in range(3):
             points = np.random.default_rng(k).normal(size=(9, 3))
-            sink.write_points(Sweep(k * 10**8, points, np.arange(9), frame_id="map"))
+            sink.write_event(Sweep(k * 10**8, points, np.arange(9), frame_id="map"))
     return path
 
 
@@ -49,7 +49,7 @@ def test_source_describes_itself_and_can_be_iterated_repeatedly(source):
 def test_bag_written_from_a_source_equals_it(source, tmp_path):
     with BagSink(tmp_path / "copy") as sink:
         for sweep in source:
-            sink.write_points(sweep)
+            sink.write_event(sweep)
     for a, b in zip(source, open_source(tmp_path / "copy"), strict=True):
         assert (a.stamp_ns, a.frame_id) == (b.stamp_ns, b.frame_id)
         np.testing.assert_array_equal(a.points, b.points)

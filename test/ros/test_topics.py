@@ -70,7 +70,7 @@ def test_an_update_has_a_message_for_each_topic_and_segments_are_last():
 
 def test_a_bag_holds_exactly_the_bag_topics(tmp_path):
     with BagSink(tmp_path / "bag") as bag:
-        bag.write_points(Sweep(SECOND, np.zeros((1, 3))))
+        bag.write_event(Sweep(SECOND, np.zeros((1, 3))))
         bag.write_update(segmentation())
     with Reader(tmp_path / "bag") as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
