@@ -5,7 +5,7 @@ Imports nothing heavy, so that `--help` is instant.
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter, _ArgumentGroup
 
-SCENES = "woodland, industrial, roadway, mixed"
+SCENES = "woodland, industrial, roadway, mixed, town, forest"
 SOURCES = (
     "a bag (ROS 1 or 2), a cloud (pcd, ply, las, laz, npz) or a simulated scene (sim:industrial)"
 )
@@ -19,7 +19,7 @@ def new_parser(program: str, description: str, examples: str) -> ArgumentParser:
 
 
 def add_source_options(command: ArgumentParser) -> None:
-    """--topic, --seed and --duration: options of the sources that the command reads."""
+    """--topic, --lidar, --seed and --duration: options of the sources that the command reads."""
     command.add_argument("--topic", default="", help="of the clouds, if a bag has several")
     about = (
         "poses of clouds in a sensor's frame: a topic, /tf, a file (TUM or KITTI), kiss-icp, or "
@@ -30,8 +30,10 @@ def add_source_options(command: ArgumentParser) -> None:
 
 
 def add_scene_options(command: ArgumentParser) -> None:
-    """--seed and --duration."""
+    """--lidar, --seed and --duration."""
     add = command.add_argument_group("simulated scenes").add_argument
+    about = "sick, hdl64e, wide32 or solid_state (hdl64e in town and forest, otherwise sick)"
+    add("--lidar", metavar="NAME", help=about)
     add("--seed", type=int, help="of the scene and of its noise")
     add("--duration", type=float, metavar="S", help="seconds of driving")
 

@@ -62,16 +62,18 @@ def segment(command: ArgumentParser) -> None:
 def simulate(command: ArgumentParser) -> None:
     """Write a simulated drive as a bag, with truth.
 
-    example, two drives through one scene:
+    examples, two drives through one scene, and a town with the usual lidar or another one:
       ellipseg simulate woodland -o wood --seed 3
       ellipseg simulate woodland -o back --seed 3 --noise-seed 1 --start 30 --backwards
+      ellipseg simulate town -o town --duration 10
+      ellipseg simulate town -o town_livox --lidar solid_state
     """
     command.add_argument("scene", help=options.SCENES)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="bag to write (new)")
     options.add_scene_options(command)
     add = command.add_argument_group("another drive through the same scene").add_argument
     add("--noise-seed", type=int, help="of noise and drift (that of the scene)")
-    add("--speed", type=float, metavar="M/S", help="of the vehicle, m/s (3)")
+    add("--speed", type=float, metavar="M/S", help="of the vehicle, m/s (town 10, forest 18, else 3)")
     add("--start", type=float, metavar="M", help="m along the lane (0)")
     add("--aside", type=float, metavar="M", help="m to the left of the lane (0)")
     about = "against the lane, from the start"

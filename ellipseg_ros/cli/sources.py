@@ -8,7 +8,7 @@ from ellipseg_ros.config import PlacementConfig
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.sources import SIMULATED, Source, open_source
 
-SCENE_OPTIONS = ("seed", "duration", "speed", "noise_seed", "start", "aside", "backwards")
+SCENE_OPTIONS = ("lidar", "seed", "duration", "speed", "noise_seed", "start", "aside", "backwards")
 
 
 def open_input(spec: str, args: Namespace, placement: PlacementConfig | None = None) -> Source:

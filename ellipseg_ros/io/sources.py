@@ -20,12 +20,13 @@ from ellipseg_ros.io.raw_drive import RawDrive, is_raw_drive
 from ellipseg_ros.poses.placement import Unplaced
 from ellipseg_ros.poses.placer import Event, Placer, RefusedPose, outcomes
 from ellipseg_ros.records import Sweep
-from ellipseg_ros.simulation.simulator import SCENES, simulate
+from ellipseg_ros.simulation.scenes import LAYOUTS
+from ellipseg_ros.simulation.simulator import simulate
 
 SIMULATED = "sim:"
 SUPPORTED = (
     f"a bag ({', '.join(SUFFIXES)} or a folder of `ros2 bag record`), "
-    f"a cloud ({', '.join(FORMATS)}), or {SIMULATED} and one of {', '.join(SCENES)}"
+    f"a cloud ({', '.join(FORMATS)}), or {SIMULATED} and one of {', '.join(LAYOUTS)}"
 )
 
 
@@ -66,7 +67,7 @@ def open_source(
     odometry: where poses of raw clouds come from: a topic, "/tf", a file in the form of TUM or
         KITTI, "kiss-icp", or "registered" for clouds that need none. Empty: decided by the
         settings, and by what the bag holds.
-    scene: settings of a simulated scene, fields of simulator.Scene: seed, duration, ...
+    scene: settings of a simulated scene, lidar, seed, duration, ... of simulate
     Raises InputError, in one line, if the source can't be read, ConfigError for a wrong setting.
     """
     text = str(spec)
@@ -104,7 +105,7 @@ def _source(name: str, clouds: Clouds, poses: Poses) -> Source:
 
 
 def _scene(name: str, scene: dict[str, Any]) -> Source:
-    if name not in SCENES:
-        raise InputError(f"there is no scene {name!r}; there are {', '.join(SCENES)}", "scene")
+    if name not in LAYOUTS:
+        raise InputError(f"there is no scene {name!r}; there are {', '.join(LAYOUTS)}", "scene")
     drive = simulate(name, **scene)
     return Source(name, drive.frame_id, len(drive), drive.duration, drive)

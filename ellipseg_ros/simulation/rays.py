@@ -133,16 +133,16 @@ def _intersect(o, d, i, shapes):
     """Distances along the beam where it enters and leaves body i, and the cosine of incidence."""
     a, c, size = shapes.axes[i], shapes.centre[i], shapes.size[i]
     x, y, z = o[0] - c[0], o[1] - c[1], o[2] - c[2]
-    p, v = _in_axes(a, x, y, z), _in_axes(a, d[0], d[1], d[2])
+    p, v = in_axes(a, x, y, z), in_axes(a, d[0], d[1], d[2])
     if shapes.form[i] == BOX:
-        return _intersect_box(p, v, size, shapes.windows[i])
+        return intersect_box(p, v, size, shapes.windows[i])
     if shapes.form[i] == CONE:
-        return _intersect_cone(p, v, size)
-    return _intersect_ellipsoid(p, v, size)
+        return intersect_cone(p, v, size)
+    return intersect_ellipsoid(p, v, size)
 
 
 @kernel
-def _in_axes(a, x, y, z):
+def in_axes(a, x, y, z):
     """A vector in the axes of a body, the columns of `a`."""
     return (
         a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
@@ -152,7 +152,8 @@ def _in_axes(a, x, y, z):
 
 
 @kernel
-def _intersect_box(p, v, size, windows):
+def intersect_box(p, v, size, windows):
+    """Like _intersect, of a box, with the beam in its axes: position p, direction v."""
     enter, leave, face = -FAR, FAR, 0
     for k in range(3):
         if abs(v[k]) < 1e-12:
@@ -187,7 +188,8 @@ def _in_window(u, width, up, height):
 
 
 @kernel
-def _intersect_ellipsoid(p, v, size):
+def intersect_ellipsoid(p, v, size):
+    """Like intersect_box, of an ellipsoid."""
     px, py, pz = p[0] / size[0], p[1] / size[1], p[2] / size[2]
     vx, vy, vz = v[0] / size[0], v[1] / size[1], v[2] / size[2]
     a, b = vx * vx + vy * vy + vz * vz, px * vx + py * vy + pz * vz
@@ -203,7 +205,7 @@ def _intersect_ellipsoid(p, v, size):
 
 
 @kernel
-def _intersect_cone(p, v, size):
+def intersect_cone(p, v, size):
     """Truncated cone along z: radius r(z) = middle + taper z between its flat ends."""
     half = size[2]
     middle, taper = 0.5 * (size[0] + size[1]), 0.5 * (size[1] - size[0]) / half

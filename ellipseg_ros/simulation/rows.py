@@ -14,6 +14,7 @@ from ellipseg_ros.records import Array
 from ellipseg_ros.simulation import buildings, items, plants
 from ellipseg_ros.simulation.scanner import Path
 from ellipseg_ros.simulation.shapes import WORLD, Class, Item, Material, Model
+from ellipseg_ros.simulation.traffic import Mover
 
 PAVING = Material(Class.GROUND, 0.35)
 INWARD = np.pi  # yaw of an item on the right side whose y axis points away from the lane
@@ -27,6 +28,7 @@ class Site(NamedTuple):
     end: float  # m: greatest s
     seed: int
     rows: Iterator[int]  # number of the next row of items
+    movers: list[Mover]
 
     def rng(self) -> np.random.Generator:
         """A random generator for one row of items."""
@@ -50,8 +52,8 @@ def kerb(site: Site, inner: float, outer: float, height: float = 0.13) -> None:
         slab.box(PAVING, (0.0, 0.0, 0.5 * height - 0.2), edges)
 
 
-def houses(site: Site, side: float, front: float) -> None:
-    """A row of houses and blocks with gaps; side +1 left, -1 right."""
+def houses(site: Site, side: float, front: float, gaps: tuple[float, float] = (1.5, 7.0)) -> None:
+    """A row of houses and blocks with gaps (m); side +1 left, -1 right."""
     rng = site.rng()
     s = site.path.start + rng.uniform(0.0, 8.0)
     while s < site.end - 18.0:
@@ -60,7 +62,7 @@ def houses(site: Site, side: float, front: float) -> None:
         item = site.item(s + 0.5 * wide, d, 0.0 if side > 0.0 else INWARD)
         make = buildings.house if rng.random() < 0.6 else buildings.block
         make(item, (wide, deep), rng)
-        s += wide + rng.uniform(1.5, 7.0)
+        s += wide + rng.uniform(*gaps)
 
 
 def gardens(site: Site, side: float, d: float) -> None:
@@ -114,6 +116,41 @@ def people(site: Site, inner: float, outer: float, spacing: float) -> None:
         shift, share, yaw = rng.uniform(0.0, spacing), rng.random(), rng.uniform(0.0, 2.0 * np.pi)
         item = site.item(s + shift, inner + share * (outer - inner), yaw)
         items.person(item, rng)
+
+
+def drivers(site: Site, d: float, speed: float, gaps: tuple[float, float]) -> None:
+    """Cars that drive along the lane, none in the first metres before the vehicle."""
+    rng = site.rng()
+    s = site.path.start
+    while s < site.end + (400.0 if speed < 0.0 else 0.0):
+        s += rng.uniform(*gaps)
+        item = site.model.separate()
+        items.car(item, rng)
+        if d != 0.0 or s > 14.0:
+            site.movers.append(Mover(s, d, speed, 0.0, 0.0, d, d, item.shapes()))
+
+
+def walkers(site: Site, inner: float, outer: float, spacing: float) -> None:
+    """People who walk along the lane, either way."""
+    rng = site.rng()
+    for s in site.each(spacing):
+        share, shift, speed, way = rng.random(4)
+        item = site.model.separate()
+        items.person(item, rng)
+        along = (0.9 + 0.9 * speed) * (1.0 if way < 0.5 else -1.0)
+        d = inner + share * (outer - inner)
+        site.movers.append(Mover(s + spacing * shift, d, along, 0.0, 0.13, d, d, item.shapes()))
+
+
+def crossers(site: Site, low: float, high: float, spacing: float) -> None:
+    """People who cross the lane to and fro between two distances from it."""
+    rng = site.rng()
+    for s in site.each(spacing):
+        item = site.model.separate()
+        items.person(item, rng)
+        s += rng.uniform(0.0, 9.0)
+        motion = (s, rng.uniform(low, high), 0.0, 1.3)
+        site.movers.append(Mover(*motion, 0.0, low, high, item.shapes()))
 
 
 def street_furniture(site: Site, d: float) -> None:

@@ -13,6 +13,7 @@ from ellipseg_ros.simulation import rays
 from ellipseg_ros.simulation.rays import Lines, Terrain
 from ellipseg_ros.simulation.shapes import Frame, yaw_rotation
 
+SICK = "sick"  # name of this scanner
 ANGLES = np.radians(np.arange(-90.0, 91.0))  # of the beams, from the forward axis
 LINES_PER_SECOND = 75
 SPIN = 1.0041 * np.pi  # rad/s: about 0.5 Hz; as with real motors, no whole number of lines a turn
@@ -33,6 +34,16 @@ class Path(NamedTuple):
     xy: Array  # (n, 2) m, every STEP
     heading: Array  # (n,) rad
 
+    @property
+    def nodes(self) -> Array:
+        """(n,) m: s of the nodes."""
+        return self.start + STEP * np.arange(len(self.xy))
+
+    @property
+    def end(self) -> float:
+        """m: greatest s."""
+        return self.start + STEP * (len(self.xy) - 1)
+
     def at(self, s: float, d: float = 0.0, yaw: float = 0.0) -> Frame:
         """Upright frame on the ground at (s, d), x along the lane, rotated by `yaw` rad."""
         x, y, heading = self.place(s)
@@ -42,16 +53,18 @@ class Path(NamedTuple):
 
     def place(self, s: float) -> tuple[float, float, float]:
         """x, y (m) and heading (rad) of the lane at s."""
-        nodes = self.start + STEP * np.arange(len(self.xy))
+        nodes = self.nodes
         columns = (self.xy[:, 0], self.xy[:, 1], self.heading)
         x, y, heading = (float(np.interp(s, nodes, column)) for column in columns)
         return x, y, heading
 
 
-def make_path(terrain: Terrain, start: float, end: float, swing: float) -> Path:
-    """A path whose heading oscillates by `swing` rad, with a period of 150 m."""
+def make_path(
+    terrain: Terrain, start: float, end: float, swing: float, period: float = 150.0
+) -> Path:
+    """A path whose heading oscillates by `swing` rad, with a period of `period` m."""
     s = np.arange(start, end + STEP, STEP)
-    heading = swing * np.sin(2.0 * np.pi * s / 150.0)
+    heading = swing * np.sin(2.0 * np.pi * s / period)
     steps = STEP * np.column_stack([np.cos(heading), np.sin(heading)])
     xy = np.cumsum(steps, axis=0) - steps
     return Path(terrain, start, xy - xy[np.searchsorted(s, 0.0)], heading)
@@ -70,10 +83,14 @@ class Drive(NamedTuple):
         """1 along the path, -1 against it."""
         return -1.0 if self.backwards else 1.0
 
+    def distance(self, time: float) -> float:
+        """m: s at a time in s."""
+        return self.start + self.direction * self.speed * time
+
 
 def scan_lines(path: Path, times: Array, drive: Drive) -> Lines:
     """True scan lines at `times` (l,) s; the vehicle tilts with the ground, and sways."""
-    frames = [_vehicle(path, drive, time) for time in times]
+    frames = [vehicle_pose(path, drive, time) for time in times]
     origin = np.array([frame.point((0.0, 0.0, HEIGHT)) for frame in frames]).reshape(-1, 3)
     axes = np.array([frame.axes for frame in frames]).reshape(-1, 3, 3)
     spin = SPIN * times[:, None]
@@ -87,10 +104,10 @@ def directions(lines: Lines, line: Array, beam: Array) -> Array:
     return np.asarray(np.cos(angle) * lines.forward[line] + np.sin(angle) * lines.side[line])
 
 
-def _vehicle(path: Path, drive: Drive, time: float) -> Frame:
+def vehicle_pose(path: Path, drive: Drive, time: float) -> Frame:
     """Pose of the vehicle, x ahead, y to the left: on its wheels, with some sway."""
     way, d = drive.direction, drive.aside
-    s = drive.start + way * drive.speed * time
+    s = drive.distance(time)
     frame = path.at(s, d)
     ahead, behind = path.at(s + way * 1.3, d).origin, path.at(s - way * 1.3, d).origin
     left, right = path.at(s, d + way * 0.8).origin, path.at(s, d - way * 0.8).origin

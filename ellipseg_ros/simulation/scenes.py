@@ -1,4 +1,4 @@
-"""The four scenes: their items along the lane, and the shape of the ground."""
+"""The scenes: their items along the lane, and the shape of the ground."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -8,10 +8,9 @@ import numpy as np
 from ellipseg_ros.simulation import items, rows
 from ellipseg_ros.simulation.rays import Terrain
 from ellipseg_ros.simulation.rows import Site
-from ellipseg_ros.simulation.scanner import Path, make_path
+from ellipseg_ros.simulation.scanner import SICK, Path, make_path
 from ellipseg_ros.simulation.shapes import Model, Shapes
-
-BEFORE, AFTER = 40.0, 110.0  # m of scene behind the start and beyond the end
+from ellipseg_ros.simulation.traffic import Mover
 
 
 class Layout(NamedTuple):
@@ -22,6 +21,11 @@ class Layout(NamedTuple):
     hills: float  # m: height of the long waves of the ground
     bumps: float  # m: height of the short waves
     soil: float  # reflectivity of the ground
+    lidar: str = SICK  # default
+    speed: float = 3.0  # m/s: default
+    period: float = 150.0  # m: of the heading of the lane
+    before: float = 40.0  # m of scene behind the start
+    after: float = 110.0  # m of scene beyond the end of the drive
 
 
 class World(NamedTuple):
@@ -30,16 +34,17 @@ class World(NamedTuple):
     path: Path
     shapes: Shapes
     soil: float  # reflectivity of the ground
+    movers: tuple[Mover, ...]
 
 
 def make_world(name: str, length: float, seed: int) -> World:
     """The scene `name` for a drive of `length` m."""
     layout = LAYOUTS[name]
     terrain = _terrain(layout, np.random.default_rng((seed, 0)))
-    path = make_path(terrain, -BEFORE, length + AFTER, layout.swing)
-    site = Site(Model(), path, length + AFTER, seed, iter(range(1000)))
+    path = make_path(terrain, -layout.before, length + layout.after, layout.swing, layout.period)
+    site = Site(Model(), path, length + layout.after, seed, iter(range(1000)), [])
     layout.build(site)
-    return World(path, site.model.shapes(), layout.soil)
+    return World(path, site.model.shapes(), layout.soil, tuple(site.movers))
 
 
 def _terrain(layout: Layout, rng: np.random.Generator) -> Terrain:
@@ -103,9 +108,41 @@ def _mixed(site: Site) -> None:
     rows.wires(site, -3.3)
 
 
+def _town(site: Site) -> None:
+    for side, kerb, front in ((1.0, 7.6, 11.5), (-1.0, 4.2, 7.8)):
+        rows.kerb(site, side * kerb, side * (front + 0.5))
+        rows.houses(site, side, front, (1.5, 14.0))
+        rows.gardens(site, side, front - 0.4)
+        rows.people(site, side * (kerb + 0.7), side * (front - 0.8), 15.0)
+        rows.street_furniture(site, side * (kerb + 0.4))
+    rows.parked(site, 6.4, 0.65)
+    rows.parked(site, -3.1, 0.5)
+    rows.lamps(site, 8.0, 31.0)
+    rows.avenue(site, -4.8, 14.0, (6.0, 9.0))
+    rows.avenue(site, 8.4, 12.0, (6.0, 10.0))
+    rows.wires(site, 10.4)
+    rows.drivers(site, 0.0, 10.0, (24.0, 60.0))
+    rows.drivers(site, 3.3, -9.0, (20.0, 60.0))
+    rows.walkers(site, 8.6, 10.4, 9.0)
+    rows.walkers(site, -5.2, -7.0, 11.0)
+    rows.crossers(site, -7.0, 10.0, 35.0)
+
+
+def _forest(site: Site) -> None:
+    rows.forest(site, 3.4, 30.0, 2.6)
+    rows.forest(site, -30.0, -3.4, 2.6)
+    for inner, outer, spacing in ((2.6, 5.0, 0.8), (3.5, 9.0, 0.7), (6.0, 22.0, 0.7)):
+        rows.undergrowth(site, inner, outer, spacing)
+        rows.undergrowth(site, -outer, -inner, spacing)
+    rows.drivers(site, 0.0, 18.0, (35.0, 120.0))
+    rows.walkers(site, 2.2, 2.8, 40.0)
+
+
 LAYOUTS = {
     "woodland": Layout(_woodland, 0.45, 0.35, 0.035, 0.13),
     "industrial": Layout(_industrial, 0.18, 0.07, 0.0, 0.3),
     "roadway": Layout(_roadway, 0.35, 0.1, 0.0, 0.25),
     "mixed": Layout(_mixed, 0.35, 0.18, 0.008, 0.22),
+    "town": Layout(_town, 0.5, 0.1, 0.0, 0.25, "hdl64e", 10.0, 110.0, 100.0, 140.0),
+    "forest": Layout(_forest, 0.4, 0.35, 0.03, 0.15, "hdl64e", 18.0, 150.0, 100.0, 140.0),
 }

@@ -107,11 +107,21 @@ class Item(NamedTuple):
         radius = np.hypot(half, max(radii))
         self._add(CONE, material, 0.5 * (low + high), axes, np.array([*radii, half]), radius)
 
+    def shapes(self) -> Shapes:
+        """The bodies in the item's list."""
+        return _as_shapes(self.bodies)
+
     def _add(self, form: int, material: Material, *geometry: Any) -> None:
         """Add a body; geometry: centre, axes, size and radius of Shapes."""
         kind, reflectivity, density, windows = material
         surface = (density, windows, reflectivity, kind)
         self.bodies.append((form, *geometry, *surface, self.number))
+
+
+def _as_shapes(bodies: list[tuple[Any, ...]]) -> Shapes:
+    kinds = (np.int64, *[np.float64] * 5, np.bool_, np.float64, np.uint8, np.uint32)
+    columns = zip(*bodies, strict=True)
+    return Shapes(*map(np.array, columns, kinds))
 
 
 class Model:
@@ -130,11 +140,14 @@ class Model:
         """The ground, for bodies at a frame that belong to it."""
         return Item(self._bodies, 0, frame)
 
+    def separate(self) -> Item:
+        """Begin a new item that moves: its bodies are not part of `shapes`, see Item.shapes."""
+        self._items += 1
+        return Item([], self._items, WORLD)
+
     def shapes(self) -> Shapes:
         """All bodies so far."""
-        kinds = (np.int64, *[np.float64] * 5, np.bool_, np.float64, np.uint8, np.uint32)
-        columns = zip(*self._bodies, strict=True)
-        return Shapes(*map(np.array, columns, kinds))
+        return _as_shapes(self._bodies)
 
 
 def yaw_rotation(angle: float) -> Array:

@@ -2,21 +2,21 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from ellipseg_ros.records import SECOND, Array, Sweep
-from ellipseg_ros.settings import Checked, setting
+from ellipseg_ros.settings import setting
 from ellipseg_ros.simulation import rays, scanner
-from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND
-from ellipseg_ros.simulation.scenes import LAYOUTS, World, make_world
+from ellipseg_ros.simulation.drive import START_NS, DriveSettings
+from ellipseg_ros.simulation.lidar_drive import LidarDrive
+from ellipseg_ros.simulation.lidars import SWEEPS_PER_SECOND
+from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND, SICK
+from ellipseg_ros.simulation.scenes import LAYOUTS
 from ellipseg_ros.simulation.shapes import Class
 
-SCENES = tuple(LAYOUTS)
-START_NS = 1_700_000_000 * SECOND  # stamp of the first sweep
-SWEEPS_PER_SECOND = 10
+SCENES = tuple(name for name, layout in LAYOUTS.items() if layout.lidar == SICK)
 BLOCK = LINES_PER_SECOND  # lines cast in one call and with one random generator: a second
 FIELDS = np.dtype(
     [
@@ -30,7 +30,7 @@ FIELDS = np.dtype(
 
 
 @dataclass(frozen=True)
-class Scene(Checked):
+class Scene(DriveSettings):
     """A drive through a scene: an iterable of sweeps of 0.1 s, identical in every iteration.
 
     `fields` of a sweep has the layout FIELDS. A tree is one instance: its wood is of class POLE,
@@ -38,26 +38,7 @@ class Scene(Checked):
     positions but for noise and drift.
     """
 
-    frame_id: ClassVar[str] = "odom"  # of the points
-
     name: str = setting("industrial", "kind of scene", allowed=SCENES)
-    seed: int = setting(0, "of the scene and its noise", "", 0, 2**32)
-    duration: float = setting(25.0, "length of the drive", "s", 0.1, 3600.0)
-    speed: float = setting(3.0, "speed of the vehicle", "m/s", 0.0, 30.0)
-    noise: float = setting(0.015, "standard deviation of a range", "m", 0.0, 1.0)
-    drift: float = setting(
-        0.05, "standard deviation of the registration after 25 s", "m", 0.0, 10.0
-    )
-    noise_seed: int = setting(
-        -1,
-        "of noise and drift, for another drive in the same scene; -1: that of the scene",
-        "",
-        -1,
-        2**32,
-    )
-    start: float = setting(0.0, "position on the lane where the drive begins", "m", 0.0, 10_000.0)
-    aside: float = setting(0.0, "offset to the left of the lane", "m", -2.0, 2.0)
-    backwards: bool = setting(False, "drive against the direction of the lane")
 
     def __len__(self) -> int:
         return (self._lines - 1) * SWEEPS_PER_SECOND // LINES_PER_SECOND + 1
@@ -69,24 +50,6 @@ class Scene(Checked):
     @property
     def _lines(self) -> int:
         return max(1, round(self.duration * LINES_PER_SECOND))
-
-    @cached_property
-    def _world(self) -> World:
-        ahead = 0.0 if self.backwards else self.speed * self.duration
-        return make_world(self.name, self.start + ahead, self.seed)
-
-    @property
-    def _drive(self) -> scanner.Drive:
-        return scanner.Drive(self.speed, self.start, self.aside, self.backwards)
-
-    @cached_property
-    def _drift(self) -> scanner.Drift:
-        return scanner.make_drift(self.duration, self.drift, self._rng(2))
-
-    def _rng(self, *purpose: int) -> np.random.Generator:
-        """A random generator for the drive, which does not affect the scene."""
-        noise = () if self.noise_seed < 0 else (self.noise_seed,)
-        return np.random.default_rng((self.seed, *purpose, *noise))
 
     def _block(self, numbers: Array) -> Iterator[Sweep]:
         """Yield the sweeps of the scan lines `numbers`."""
@@ -132,9 +95,14 @@ class Scene(Checked):
         return fields, line
 
 
-def simulate(scene: str, **settings: Any) -> Scene:
-    """A drive through one of SCENES; settings: fields of Scene, such as `seed` and `duration`.
+def simulate(scene: str, lidar: str = "", **settings: Any) -> Scene | LidarDrive:
+    """A drive through a scene; lidar: SICK or one of LIDARS, empty: the usual one of the scene.
 
-    Raises ConfigError for an unknown scene or a setting out of range.
+    settings: fields of Scene or LidarDrive, such as `seed` and `duration`.
+    Raises ConfigError for an unknown scene or lidar or a setting out of range.
     """
-    return Scene(scene, **settings)
+    if not lidar and scene in LAYOUTS:
+        lidar = LAYOUTS[scene].lidar
+    if lidar in ("", SICK):
+        return Scene(scene, **settings)
+    return LidarDrive(scene, lidar=lidar, **settings)
