@@ -5,7 +5,8 @@ Imports nothing heavy, so that `--help` is instant.
 
 from argparse import ArgumentParser, RawDescriptionHelpFormatter, _ArgumentGroup
 
-SCENES = "woodland, industrial, roadway, mixed, town, forest"
+SICK_SCENES = "woodland, industrial, roadway, mixed"
+SCENES = f"{SICK_SCENES}, town, forest"
 SOURCES = (
     "a bag (ROS 1 or 2), a cloud (pcd, ply, las, laz, npz) or a simulated scene (sim:industrial)"
 )

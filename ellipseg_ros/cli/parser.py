@@ -73,7 +73,12 @@ def simulate(command: ArgumentParser) -> None:
     options.add_scene_options(command)
     add = command.add_argument_group("another drive through the same scene").add_argument
     add("--noise-seed", type=int, help="of noise and drift (that of the scene)")
-    add("--speed", type=float, metavar="M/S", help="of the vehicle, m/s (town 10, forest 18, else 3)")
+    add(
+        "--speed",
+        type=float,
+        metavar="M/S",
+        help="of the vehicle, m/s (10 in town, 18 in forest, else 3)",
+    )
     add("--start", type=float, metavar="M", help="m along the lane (0)")
     add("--aside", type=float, metavar="M", help="m to the left of the lane (0)")
     about = "against the lane, from the start"

@@ -14,7 +14,8 @@ from ellipseg_ros.simulation import scanner
 from ellipseg_ros.simulation.beams import Beams, Ends, cast_beams, measure
 from ellipseg_ros.simulation.drive import START_NS, DriveSettings
 from ellipseg_ros.simulation.grid import CELL, Grid, make_grid
-from ellipseg_ros.simulation.lidars import LIDARS, SWEEP_NS, SWEEPS_PER_SECOND, Lidar
+from ellipseg_ros.simulation.lidars import LIDARS, SWEEP_NS, Lidar
+from ellipseg_ros.simulation.scanner import SWEEPS_PER_SECOND
 from ellipseg_ros.simulation.scenes import LAYOUTS
 from ellipseg_ros.simulation.shapes import Class, Shapes, pitch_rotation, yaw_rotation
 from ellipseg_ros.simulation.traffic import find_traffic

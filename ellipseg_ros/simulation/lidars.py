@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ellipseg_ros.records import SECOND, Array
+from ellipseg_ros.simulation.scanner import SWEEPS_PER_SECOND
 
 TIME_FIELDS = {  # by vendor: name and type of the time of a point
     "ouster": ("t", np.uint32),  # ns from the beginning of the sweep
@@ -13,7 +14,6 @@ TIME_FIELDS = {  # by vendor: name and type of the time of a point
     "hesai": ("timestamp", np.float64),  # s, absolute
     "livox": ("offset_time", np.uint32),  # ns from the beginning of the sweep
 }
-SWEEPS_PER_SECOND = 10
 SWEEP_NS = SECOND // SWEEPS_PER_SECOND
 ROSETTE_TURNS = (121.57, -77.73)  # per second, of the two prisms; no common period
 

@@ -20,6 +20,7 @@ SPIN = 1.0041 * np.pi  # rad/s: about 0.5 Hz; as with real motors, no whole numb
 HEIGHT = 1.9  # m above the ground
 NEAREST, FARTHEST = 0.6, 40.0  # m
 STRENGTH = 3.0e3  # m^2: a signal of 1 / STRENGTH m^-2 gives a return with probability 63 %
+SWEEPS_PER_SECOND = 10
 STEP = 0.25  # m between the nodes of a path
 
 

@@ -11,8 +11,7 @@ from ellipseg_ros.settings import setting
 from ellipseg_ros.simulation import rays, scanner
 from ellipseg_ros.simulation.drive import START_NS, DriveSettings
 from ellipseg_ros.simulation.lidar_drive import LidarDrive
-from ellipseg_ros.simulation.lidars import SWEEPS_PER_SECOND
-from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND, SICK
+from ellipseg_ros.simulation.scanner import ANGLES, LINES_PER_SECOND, SICK, SWEEPS_PER_SECOND
 from ellipseg_ros.simulation.scenes import LAYOUTS
 from ellipseg_ros.simulation.shapes import Class
 

@@ -13,7 +13,8 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.records import ISOLATED, Array, Segmentation, Sweep
 from ellipseg_ros.segmenter import Segmenter, segment
-from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
+from ellipseg_ros.simulation.scanner import SWEEPS_PER_SECOND
+from ellipseg_ros.simulation.simulator import simulate
 from studies.benchmark import stages
 from studies.benchmark.batch import Section, batch_case, batch_points, knn
 from studies.benchmark.streams import (

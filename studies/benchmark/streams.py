@@ -9,7 +9,8 @@ import numpy as np
 from ellipseg_ros.config import Config, LandmarksConfig, ObjectsConfig
 from ellipseg_ros.core.fields import join_sweeps
 from ellipseg_ros.records import SECOND, Array, Sweep
-from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
+from ellipseg_ros.simulation.scanner import SWEEPS_PER_SECOND
+from ellipseg_ros.simulation.simulator import simulate
 
 SCENE = "industrial"
 RATE = 20_000  # points/s that recordings are thinned to

@@ -7,7 +7,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ellipseg_ros.records import SECOND, Array, Sweep
-from ellipseg_ros.simulation.simulator import SWEEPS_PER_SECOND, simulate
+from ellipseg_ros.simulation.scanner import SWEEPS_PER_SECOND
+from ellipseg_ros.simulation.simulator import simulate
 
 NOISE = 0.01  # m: standard deviation of the noise that differs from lap to lap
 

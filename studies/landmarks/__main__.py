@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ellipseg_ros.cli.main import run_program
-from ellipseg_ros.cli.options import SCENES as SCENE_NAMES
+from ellipseg_ros.cli.options import SICK_SCENES as SCENE_NAMES
 from ellipseg_ros.cli.options import SOURCES
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.errors import EllipsegError
