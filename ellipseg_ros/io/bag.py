@@ -80,7 +80,8 @@ class BagSweeps:
         """The clouds with the poses and transforms of other topics, in the order of the bag."""
         with _opened(self.path) as reader:
             chosen = [c for c in reader.connections if c.topic in (self.topic, *topics)]
-            for number, (connection, _, raw) in enumerate(reader.messages(chosen)):
+            number = 0  # of the next cloud
+            for connection, _, raw in reader.messages(chosen):
                 msg = self._decode(connection, raw)
                 if connection.topic != self.topic:
                     yield from _pose_events(connection, msg)
@@ -91,6 +92,7 @@ class BagSweeps:
                 except InputError as error:
                     place = f"message {number} of {self.topic} in {self.path}"
                     raise InputError(f"{place}: {error}", error.reason) from error
+                number += 1
 
     def pose_topics(self) -> dict[str, PoseSample | None]:
         """The topics with poses of the bag, each with its first valid one; /tf, if it has that."""
@@ -237,17 +239,22 @@ class BagSink:
             if not complete:
                 shutil.rmtree(self.path, ignore_errors=True)
 
-    def write_event(self, event: Event) -> None:
-        """Write a cloud on /points, a pose on /odometry, or a transform on /tf or /tf_static."""
+    def write_event(self, event: Event, time_ns: int | None = None) -> None:
+        """Write a cloud on /points, a pose on /odometry, or a transform on /tf or /tf_static.
+
+        time_ns: of recording, by which readers sort; None: the stamp.
+        """
         if isinstance(event, Sweep):
-            self.write(f"/{POINTS.name}", event.stamp_ns, write_sweep(event))
+            topic, stamp_ns, message = f"/{POINTS.name}", event.stamp_ns, write_sweep(event)
         elif isinstance(event, PoseSample):
+            topic, stamp_ns = f"/{ODOMETRY.name}", event.time_ns
             message = write_odometry(event, node_types())
-            self.write(f"/{ODOMETRY.name}", event.time_ns, message)
         elif isinstance(event, TransformSample):
-            topic = TF_STATIC if event.static else TF
-            message = write_transform(event.sample, node_types())
-            self.write(topic.name, event.sample.time_ns, message)
+            topic = TF_STATIC.name if event.static else TF.name
+            stamp_ns, message = event.sample.time_ns, write_transform(event.sample, node_types())
+        else:
+            return
+        self.write(topic, stamp_ns if time_ns is None else time_ns, message)
 
     def write_update(self, segmentation: Segmentation) -> None:
         """Write the messages of an update, at the time of its newest point."""

@@ -22,6 +22,7 @@ from ellipseg_ros.records import Sweep
 
 TRANSFORMS = (TF.name, TF_STATIC.name)
 FIXED_FRAMES = ("odom", "map", "world")  # by REP-105; the first that tf connects to the clouds
+IDENTITY = "0 0 0 0 0 0 1"  # as an extrinsic: the poses are those of the sensor, in any frame
 CHOICES = (
     "--odometry with a topic, /tf, a file of poses (TUM or KITTI), kiss-icp, or registered if "
     "they are in a fixed frame"
@@ -86,10 +87,9 @@ def choose_poses(clouds: Clouds, odometry: str, config: PlacementConfig) -> Pose
     if odometry == "registered" or (not odometry and config.pose_source == "registered"):
         return Poses(clouds, replace(config, pose_source="registered"))
     if odometry == KISS_ICP:
-        return _of_samples(clouds, kiss_icp_poses(clouds), config, "KISS-ICP, run on the clouds")
+        return _of_sensor(clouds, kiss_icp_poses(clouds), config, "KISS-ICP, run on the clouds")
     if odometry and Path(odometry).is_file():
-        stamps = [cloud.stamp_ns for cloud in clouds]
-        samples = read_pose_file(Path(odometry), stamps)
+        samples = read_pose_file(Path(odometry), (cloud.stamp_ns for cloud in clouds))
         return _of_samples(clouds, samples, config, odometry)
     if not isinstance(clouds, BagSweeps):
         return _of_file(clouds, odometry, config)
@@ -102,17 +102,26 @@ def _of_file(clouds: CloudSweeps | RawDrive, odometry: str, config: PlacementCon
         problem = f"there is no file {odometry}, and a cloud file has no topics"
         raise InputError(f"{problem}; give {CHOICES}", "no_odometry")
     if isinstance(clouds, RawDrive):
-        return _of_samples(clouds, clouds.poses, config, "the poses in the file")
+        return _of_sensor(clouds, clouds.poses, config, "the poses in the file")
     return Poses(clouds, replace(config, pose_source="registered"))
+
+
+def _of_sensor(
+    clouds: Iterable[Sweep], samples: list[PoseSample], config: PlacementConfig, about: str
+) -> Poses:
+    """Poses with exact stamps, of the sensor itself."""
+    exact = replace(config, odometry_stamp="exact", odometry_offset=0.0, extrinsic=IDENTITY)
+    return _of_samples(clouds, samples, exact, about)
 
 
 def _of_samples(
     clouds: Iterable[Sweep], samples: list[PoseSample], config: PlacementConfig, about: str
 ) -> Poses:
-    """Poses with exact stamps, of the sensor itself."""
-    exact = replace(config, pose_source="odometry", odometry_stamp="exact", extrinsic="")
+    """Poses without a frame: of the sensor, unless the settings have an extrinsic."""
+    extrinsic = config.extrinsic or IDENTITY
+    placement = replace(config, pose_source="odometry", extrinsic=extrinsic)
     frame_id = samples[0].frame_id if samples else ""
-    return Poses(Merged(clouds, samples), exact, about, frame_id)
+    return Poses(Merged(clouds, samples), placement, about, frame_id)
 
 
 def _of_bag(bag: BagSweeps, topic: str, config: PlacementConfig) -> Poses:

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.io.limits import check_name, read_stamp
+from ellipseg_ros.io.limits import SHOWN_LENGTH, check_name, read_stamp
 from ellipseg_ros.io.topics import ODOMETRY, TF_MESSAGE
-from ellipseg_ros.poses.placer import TransformSample
+from ellipseg_ros.poses.placer import RefusedPose, TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.poses.transforms import Transform, transform
 from ellipseg_ros.records import SECOND
@@ -32,15 +32,19 @@ def read_odometry(msg: Any) -> PoseSample:
     return _sample(msg.header, child or "", pose.position, pose.orientation)
 
 
-def read_transforms(msg: Any, static: bool) -> list[TransformSample]:
-    """The transforms of a tf2_msgs/TFMessage; InputError if one is invalid."""
-    return [
-        TransformSample(
-            _sample(t.header, t.child_frame_id, t.transform.translation, t.transform.rotation),
-            static,
-        )
-        for t in msg.transforms
-    ]
+def read_transforms(msg: Any, static: bool) -> list[TransformSample | RefusedPose]:
+    """The transforms of a tf2_msgs/TFMessage, each on its own: one may be invalid."""
+    return [_read_transform(stamped, static) for stamped in msg.transforms]
+
+
+def _read_transform(stamped: Any, static: bool) -> TransformSample | RefusedPose:
+    moved = stamped.transform
+    try:
+        sample = _sample(stamped.header, stamped.child_frame_id, moved.translation, moved.rotation)
+    except InputError as error:
+        name = stamped.child_frame_id[:SHOWN_LENGTH]
+        return RefusedPose(error.reason, f"transform of {name!r}: {error}")
+    return TransformSample(sample, static)
 
 
 def _sample(header: Any, child: str, position: Any, rotation: Any) -> PoseSample:

@@ -1,6 +1,6 @@
 """Drives of raw sweeps with poses in one NPZ file.
 
-`xyz` (n, 3) m in the sensor's frame, or `xyz_3mm` and the like, integers in units of 3 mm; `count`
+`xyz` (n, 3) m in the sensor's frame, or integers such as `xyz_3mm` in units of 3 mm; `count`
 (s,) points of each sweep in turn, or `frame` (n,) the sweep of each point; `t` (s,) s; `poses`
 (s, 4, 4), p_world = pose p_sensor. Other arrays of n rows are fields of the points.
 """
@@ -44,17 +44,26 @@ class RawDrive:
     def _read(self) -> None:
         arrays = self._arrays
         self._stamps = [round(t * SECOND) for t in arrays.pop("t").astype(float).tolist()]
-        name = next(name for name in arrays if name == "xyz" or SCALED.fullmatch(name))
-        scaled = SCALED.fullmatch(name)
-        self._unit = int(scaled[1]) / 1000.0 if scaled else 1.0  # m
+        name = next((name for name in arrays if name == "xyz" or SCALED.fullmatch(name)), "")
+        if not name or not self._stamps:
+            problem = "it has no sweeps" if name else "it has no array xyz"
+            raise InputError(
+                f"{problem}; a drive has xyz, t, poses and count or frame", "bad_cloud"
+            )
         self._xyz = arrays.pop(name)
         if self._xyz.ndim != 2 or self._xyz.shape[1] != 3:
             raise InputError(f"{name} has shape {self._xyz.shape}; it must be (n, 3)", "shape")
+        scaled = SCALED.fullmatch(name)
+        self._unit = int(scaled[1]) / 1000.0 if scaled else 1.0  # m
         counts = self._counts(len(self._stamps))
+        for what, number, expected in (
+            ("sweeps", len(counts), len(self._stamps)),
+            ("points", int(np.abs(counts).sum()), len(self._xyz)),
+        ):
+            if number != expected:
+                problem = f"count or frame has {number} {what}; the other arrays have {expected}"
+                raise InputError(f"{problem}, and these must be equal", "shape")
         self._ends = np.cumsum(counts).tolist()
-        if self._ends[-1] != len(self._xyz):
-            problem = f"the sweeps have {self._ends[-1]} points, {name} has {len(self._xyz)}"
-            raise InputError(f"{problem}; these must be equal", "shape")
         poses = [from_matrix(pose) for pose in arrays.pop("poses")]
         self.poses = [
             PoseSample(t, FIXED_FRAME, SENSOR_FRAME, pose)
@@ -66,9 +75,12 @@ class RawDrive:
         if "count" in self._arrays:
             return self._arrays.pop("count")
         frame = self._arrays.pop("frame")
+        if frame.shape != self._xyz.shape[:1]:
+            problem = f"frame has shape {frame.shape}; there are {len(self._xyz)} points"
+            raise InputError(f"{problem}, and it must have one entry for each", "shape")
         order = np.argsort(frame, kind="stable")
         self._xyz = self._xyz[order]
-        columns = {n: a[order] for n, a in self._arrays.items() if len(a) == len(frame)}
+        columns = {n: a[order] for n, a in self._arrays.items() if a.shape[:1] == frame.shape}
         self._arrays |= columns
         return np.bincount(frame, minlength=sweeps)
 
@@ -77,9 +89,11 @@ class RawDrive:
         count = len(self._xyz)
         columns = {n: a for n, a in self._arrays.items() if a.ndim in (1, 2) and len(a) == count}
         for stamp_ns, end in zip(self._stamps, self._ends, strict=True):
-            points = self._xyz[start:end] * self._unit
+            points = self._xyz[start:end]
+            if self._unit != 1.0 or points.dtype.kind != "f":
+                points = np.multiply(points, self._unit, dtype=np.float64)
             fields = table(
-                {axis: points[:, k].astype(np.float32) for k, axis in enumerate("xyz")}
+                {axis: points[:, k] for k, axis in enumerate("xyz")}
                 | {name: column[start:end] for name, column in columns.items()}
             )
             yield Sweep(stamp_ns, points, fields=fields, frame_id=SENSOR_FRAME)

@@ -10,7 +10,7 @@ def filtered(points: Array, limits: tuple[float, float], box: Array) -> tuple[Ar
     """Ranges (n,) float64, m, and which points are kept (n,) bool.
 
     points (n, 3) m, sensor frame; limits: least and greatest range, m; box (2, 3) m: corners of a
-    box whose points are not kept. Points that are not finite are: the window counts them.
+    box whose points are not kept. Points that are not finite are kept: the window counts them.
     """
     ranges, keep = np.empty(len(points)), np.empty(len(points), bool)
     _filter(points, limits, box, ranges, keep)
@@ -27,4 +27,4 @@ def _filter(points, limits, box, ranges, keep):
         inside = True
         for axis in range(3):
             inside = inside and box[0, axis] <= points[i, axis] <= box[1, axis]
-        keep[i] = not (r < low or high < r or inside)
+        keep[i] = not np.isfinite(r) or not (r < low or high < r or inside)

@@ -12,6 +12,7 @@ from ellipseg_ros.errors import InputError
 from ellipseg_ros.records import Array
 
 MAX_POSITION_M = 1e8  # beyond is no measurement, as for points
+ROUNDING = 1e-15  # of the norm of a quaternion that has been normalized
 
 
 class Transform(NamedTuple):
@@ -33,8 +34,9 @@ IDENTITY = Transform(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
 
 
 def transform(position: Sequence[float], rotation: Sequence[float]) -> Transform:
-    """A checked transform; rotation: quaternion x, y, z, w.
+    """A checked transform; rotation: quaternion x, y, z, w, which is normalized.
 
+    A transform that was checked before, written and read again stays the same.
     Raises InputError for numbers that are not finite, and quaternions of another norm than 1.
     """
     moved, turned = np.array(position, float), np.array(rotation, float)
@@ -45,7 +47,7 @@ def transform(position: Sequence[float], rotation: Sequence[float]) -> Transform
     norm = math.sqrt(float(turned @ turned))
     if abs(norm - 1.0) > MAX_NORM_ERROR:
         raise InputError(f"a quaternion has norm {norm:g}; it must have norm 1", "quaternion")
-    return Transform(moved, turned / norm)
+    return Transform(moved, turned if abs(norm - 1.0) <= ROUNDING else turned / norm)
 
 
 def from_matrix(matrix: Array) -> Transform:

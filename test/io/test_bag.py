@@ -203,9 +203,7 @@ def test_written_bag_holds_the_messages_of_the_node(tmp_path):
     for window, update in zip(windows, found, strict=True):
         np.testing.assert_array_equal(window.fields, labelled_fields(update))
     with Reader(tmp_path / "out") as reader:
-        assert {c.topic: c.msgtype for c in reader.connections} == {
-            name: topic.type for name, topic in BAG_TOPICS.items()
-        }
+        assert all(c.msgtype == BAG_TOPICS[c.topic].type for c in reader.connections)
         assert {c.topic: c.msgcount for c in reader.connections} == {
             "/points": 3,
             "/segmented_points": 2,

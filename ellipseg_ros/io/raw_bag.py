@@ -1,0 +1,49 @@
+"""Bags of raw sensor data: clouds in the sensor's frame with an odometry, or with tf."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TypeAlias
+
+from ellipseg_ros.io.bag import BagSink
+from ellipseg_ros.poses.placer import TransformSample
+from ellipseg_ros.poses.series import PoseSample
+from ellipseg_ros.records import Sweep
+
+RawEvent: TypeAlias = Sweep | PoseSample | TransformSample
+
+
+def write_raw_bag(path: Path, events: Iterable[RawEvent]) -> None:
+    """Write a new bag (mcap, zstd) whose messages are the events, in their order.
+
+    Clouds go to /points, poses to /odometry, transforms to /tf and /tf_static, with their own
+    stamps. Raises InputError if the path exists or can't be written.
+    """
+    with BagSink(path) as sink:
+        for time_ns, event in _recorded(events):
+            sink.write_event(event, time_ns)
+
+
+def _recorded(events: Iterable[RawEvent]) -> Iterator[tuple[int, RawEvent]]:
+    """The events, each with a time of recording that keeps their order.
+
+    It is the stamp, or 1 ns after the event before if that is later. The stamps of static
+    transforms, often 0, mean nothing: they are recorded with the event that follows.
+    """
+    time_ns = 0
+    waiting: list[RawEvent] = []
+    for event in events:
+        waiting.append(event)
+        if isinstance(event, TransformSample) and event.static:
+            continue
+        for each in waiting:
+            time_ns = max(time_ns + 1, _stamp_ns(event))
+            yield time_ns, each
+        waiting.clear()
+    for number, event in enumerate(waiting, 1):
+        yield time_ns + number, event
+
+
+def _stamp_ns(event: RawEvent) -> int:
+    if isinstance(event, Sweep):
+        return event.stamp_ns
+    return event.sample.time_ns if isinstance(event, TransformSample) else event.time_ns
