@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from ellipseg_ros.io.bag import BagSink
+from ellipseg_ros.io.pointcloud2 import with_xyz, write_cloud
+from ellipseg_ros.io.topics import POINTS
 from ellipseg_ros.poses.placer import TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import Sweep
@@ -21,6 +23,18 @@ def write_raw_bag(path: Path, events: Iterable[RawEvent]) -> None:
     with BagSink(path) as sink:
         for time_ns, event in _recorded(events):
             sink.write_event(event, time_ns)
+
+
+def write_message(bag: BagSink, time_ns: int, event: RawEvent) -> None:
+    """Write one message at a time of recording; a cloud with its fields alone, as a driver does.
+
+    BagSink.write_event instead adds the times of points that a reader would not read exactly.
+    """
+    if not isinstance(event, Sweep):
+        bag.write_event(event, time_ns)
+        return
+    fields = with_xyz(event.points, event.fields, max_rounding=0.0)
+    bag.write(f"/{POINTS.name}", time_ns, write_cloud(fields, event.stamp_ns, event.frame_id))
 
 
 def _recorded(events: Iterable[RawEvent]) -> Iterator[tuple[int, RawEvent]]:

@@ -50,9 +50,9 @@ class DriveSettings(Checked):
 
     @cached_property
     def _drift(self) -> scanner.Drift:
-        return scanner.make_drift(self.duration, self.drift, self._rng(2))
+        return scanner.make_drift(self.duration, self.drift, self.generator(2))
 
-    def _rng(self, *purpose: int) -> np.random.Generator:
+    def generator(self, *purpose: int) -> np.random.Generator:
         """A random generator for the drive, which does not affect the scene."""
         noise = () if self.noise_seed < 0 else (self.noise_seed,)
         return np.random.default_rng((self.seed, *purpose, *noise))

@@ -122,6 +122,10 @@ class LidarDrive(DriveSettings):
         axes = Rotation.from_matrix(np.array([frame.axes for frame in frames]))
         return Poses(position, Slerp(knots, axes)(at))
 
+    def sensor_poses(self, times_ns: Array) -> Poses:
+        """True poses of the lidar at ascending times (n,) ns."""
+        return self.poses(times_ns).moved(*MOUNTING)
+
     def drifted(self, times_ns: Array, poses: Poses) -> Poses:
         """The poses as an odometry with the drift of this drive reports them."""
         times = (times_ns - START_NS) / SECOND
@@ -142,7 +146,7 @@ class LidarDrive(DriveSettings):
 
     @cached_property
     def _key(self) -> np.uint64:
-        return np.uint64(self._rng(3).integers(1 << 62))
+        return np.uint64(self.generator(3).integers(1 << 62))
 
     def _surroundings(self, first: int) -> _Surroundings:
         ends = START_NS + SWEEP_NS * np.array([first, first + BLOCK])
@@ -159,7 +163,7 @@ class LidarDrive(DriveSettings):
         directions = lidar.directions(lidar, number)
         begin_ns = START_NS + number * SWEEP_NS
         line_ns = begin_ns + np.arange(lidar.lines) * SWEEP_NS // lidar.lines
-        poses = self.poses(line_ns).moved(*MOUNTING)
+        poses = self.sensor_poses(line_ns)
         times = number / SWEEPS_PER_SECOND, (number + 1) / SWEEPS_PER_SECOND
         s = self._drive.distance(times[0])
         reach = lidar.farthest + 15.0

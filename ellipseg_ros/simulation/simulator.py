@@ -52,7 +52,7 @@ class Scene(DriveSettings):
 
     def _block(self, numbers: Array) -> Iterator[Sweep]:
         """Yield the sweeps of the scan lines `numbers`."""
-        returns, line = self._scan(numbers, self._rng(3, int(numbers[0])))
+        returns, line = self._scan(numbers, self.generator(3, int(numbers[0])))
         sweep = numbers * SWEEPS_PER_SECOND // LINES_PER_SECOND
         stamps_ns = sweep * SECOND // SWEEPS_PER_SECOND
         returns["t"] = (numbers * SECOND // LINES_PER_SECOND - stamps_ns)[line]
