@@ -165,6 +165,7 @@ setup(
         "ros-jazzy-builtin-interfaces",
         "ros-jazzy-diagnostic-msgs",
         "ros-jazzy-geometry-msgs",
+        "ros-jazzy-nav-msgs",
         "ros-jazzy-rcl-interfaces",
         "ros-jazzy-rclpy[fastrtps]",
         "ros-jazzy-rosgraph-msgs",
@@ -174,6 +175,7 @@ setup(
         "ros-jazzy-std-srvs",
         "ros-jazzy-visualization-msgs",
         "rosbags",
+        "scipy",
         "tqdm",
     ],
     extras_require={

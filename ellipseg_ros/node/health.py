@@ -12,6 +12,8 @@ import numpy as np
 
 from ellipseg_ros.node.memory import resident_mb
 from ellipseg_ros.node.stamps import STALLED_CLOUDS, StampMonitor
+from ellipseg_ros.poses.placement import Unplaced
+from ellipseg_ros.poses.placer import RefusedPose
 from ellipseg_ros.records import SECOND, Segmentation
 from ellipseg_ros.tuning.curve import Curve
 
@@ -20,16 +22,24 @@ INPUT_TIMEOUT_S = 5.0  # without input, before a warning
 UPDATE_TIMEOUT_S = 60.0  # of one update, before an error
 LATE_UPDATES = 3  # consecutive late updates before a warning
 TIMED_UPDATES = 100  # updates whose times give the median and the 99th percentile
-REASON = "clouds rejected: "  # prefix of the counters of rejected clouds by reason
+# Prefixes of the counters by reason.
+REJECTED, UNPLACED, REFUSED = "clouds rejected: ", "clouds unplaced: ", "poses refused: "
+PREFIXES = (REJECTED, UNPLACED, REFUSED)
 COUNTERS = {  # by key of /diagnostics
     "clouds received": "clouds",
     "clouds rejected": "rejected",
     "clouds lost by DDS": "lost",
+    "clouds unplaced": "unplaced",
     "clouds with stalled stamps": "stalled",
     "stamp gaps": "gaps",
+    "points unplaced": "points_unplaced",
+    "points filtered": "points_filtered",
     "points late": "late",
     "points evicted": "evicted",
     "points dropped": "points_dropped",
+    "poses received": "poses",
+    "poses refused": "poses_refused",
+    "poses lost by DDS": "poses_lost",
     "updates": "updates",
     "updates coalesced": "coalesced",
     "updates dropped": "dropped",
@@ -52,8 +62,9 @@ class Health:
     """Counters of clouds and updates; every method is thread-safe.
 
     Levels of a report, each about the time since the previous one:
-    ERROR: an update has taken more than 60 s so far; every cloud was rejected.
-    WARN: kernels are loading; no cloud for 5 s (or none yet); clouds rejected or lost; updates
+    ERROR: an update has taken more than 60 s so far; every cloud was rejected, or unplaced.
+    WARN: kernels are loading; no cloud for 5 s (or none yet); clouds rejected, lost, unplaced or
+        waiting for poses; poses refused or lost; updates
         coalesced or dropped; three consecutive updates later than `update_period`; points evicted
         for `max_points`; stamps that don't advance, or jump forward by more than the window; a
         frame that looks like a sensor's; another publisher of the same topics; more than one
@@ -73,11 +84,14 @@ class Health:
         self._latency: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._processing: deque[float] = deque(maxlen=TIMED_UPDATES)  # s
         self._window: dict[str, str] = {}
+        self._unplaced_text = self._refused_text = ""  # of the last one
         self._last = dict.fromkeys(("last restart", "last threshold change", "last tuning"), "")
         self.ready = False  # all kernels are compiled and clouds are subscribed to
         self.stamps = StampMonitor()  # of the received clouds
         self.other_publishers = 0  # other nodes that publish `segments`
         self.sensor_frame = ""  # the frame of the clouds, if it looks like a sensor's
+        self.placement: dict[str, str] = {}  # values about poses and how clouds are read
+        self.waiting_for = ""  # what clouds have been waiting for, for too long
 
     @contextmanager
     def work(self) -> Iterator[None]:
@@ -97,11 +111,24 @@ class Health:
     def rejected(self, reason: str, group: bool = False) -> None:
         """Count an invalid cloud; group: valid clouds that can't be used together, as one."""
         with self._lock:
-            self._total.update(["rejected", REASON + reason])
+            self._total.update(["rejected", REJECTED + reason])
             self._total["refused"] += not group
 
+    def unplaced(self, cloud: Unplaced) -> None:
+        """Count a cloud without a pose."""
+        with self._lock:
+            self._total.update(["unplaced", UNPLACED + cloud.reason])
+            self._total["points_unplaced"] += cloud.points
+            self._unplaced_text = cloud.text
+
+    def refused(self, pose: RefusedPose) -> None:
+        """Count a pose that can't be used."""
+        with self._lock:
+            self._total.update(["poses_refused", REFUSED + pose.reason])
+            self._refused_text = pose.text
+
     def count(self, **counts: int) -> None:
-        """Add to counters: lost (clouds) or the fields of an Overload."""
+        """Add to counters, the values of COUNTERS; and placed (clouds)."""
         with self._lock:
             self._total.update(counts)
 
@@ -160,7 +187,8 @@ class Health:
                 "input rate [1/s]": f"{rate:.2f}",
                 "updates in backlog": str(waiting),
                 **{key: str(self._total[name]) for key, name in COUNTERS.items()},
-                **{key: str(self._total[key]) for key in _reasons(self._total)},
+                **{k: str(self._total[k]) for k in _reasons(self._total, *PREFIXES)},
+                **self.placement,
                 **self._last,
                 **quantiles("processing", self._processing),
                 **quantiles("latency", self._latency),
@@ -180,8 +208,10 @@ class Health:
         if busy > UPDATE_TIMEOUT_S:
             return ERROR, f"the current update has taken {busy:.0f} s so far"
         if new["clouds"] and new["refused"] >= new["clouds"]:
-            reasons = ", ".join(key.removeprefix(REASON) for key in _reasons(new))
+            reasons = ", ".join(key.removeprefix(REJECTED) for key in _reasons(new, REJECTED))
             return ERROR, f"every cloud is rejected: {reasons}"
+        if new["unplaced"] and not new["placed"]:
+            return ERROR, f"every cloud is unplaced: {self._unplaced_text}"
         warnings = [text for text, applies in self._warnings(new, now) if applies]
         return (WARN, "; ".join(warnings)) if warnings else (OK, "segmenting")
 
@@ -198,6 +228,13 @@ class Health:
             (f"no cloud for {idle:.0f} s", self.ready and received and idle > INPUT_TIMEOUT_S),
             (f"{new['rejected']} clouds rejected", new["rejected"]),
             (f"{new['lost']} clouds lost", new["lost"]),
+            (f"{new['unplaced']} clouds unplaced: {self._unplaced_text}", new["unplaced"]),
+            (f"clouds wait for poses: {self.waiting_for}", self.waiting_for),
+            (
+                f"{new['poses_refused']} poses refused: {self._refused_text}",
+                new["poses_refused"],
+            ),
+            (f"{new['poses_lost']} poses lost", new["poses_lost"]),
             (f"stamps do not advance: {stalled} clouds are no newer", stalled >= STALLED_CLOUDS),
             ("stamps jumped forward by more than the window", new["gaps"]),
             (
@@ -217,9 +254,9 @@ class Health:
         ]
 
 
-def _reasons(counts: Counter[str]) -> list[str]:
-    """Names of the counters of rejected clouds by reason, sorted."""
-    return sorted(name for name in counts if name.startswith(REASON))
+def _reasons(counts: Counter[str], *prefixes: str) -> list[str]:
+    """Names of the counters by reason, sorted."""
+    return sorted(name for name in counts if name.startswith(prefixes))
 
 
 def quantiles(name: str, seconds: deque[float]) -> dict[str, str]:

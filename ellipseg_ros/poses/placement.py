@@ -7,6 +7,7 @@ are interleaved, as long as neither is more than MAX_WAIT_NS behind.
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +22,10 @@ from ellipseg_ros.poses.transforms import IDENTITY
 from ellipseg_ros.records import SECOND, Array, Sweep
 
 MAX_WAITING_POINTS = 20_000_000  # of all clouds that wait
+MAX_WAITING_CLOUDS = 10_000
 
 
-@dataclass(frozen=True)
-class Unplaced:
+class Unplaced(NamedTuple):
     """A cloud that could not be placed."""
 
     points: int
@@ -62,6 +63,7 @@ class Placement:
         self._run: int | None = None  # number of jumps of the poses before the last placed cloud
         self._unplaced = 0  # points since the last placed cloud
         self.understood: dict[str, str] = {}  # how the last cloud was read
+        self.waiting_for: Waiting | None = None  # what the first cloud lacks; None: none waits
 
     def add(self, cloud: Sweep) -> list[Sweep | Unplaced]:
         """Take a cloud in its sensor's frame; returns all clouds that are decided now."""
@@ -79,10 +81,12 @@ class Placement:
     def take(self) -> list[Sweep | Unplaced]:
         """The clouds that are decided now; to be called after poses have arrived."""
         decided: list[Sweep | Unplaced] = []
+        self.waiting_for = None
         while self._waiting:
             outcome = self._decide(self._waiting[0])
             if isinstance(outcome, Waiting):
                 if not self._is_overdue(self._waiting[0]):
+                    self.waiting_for = outcome
                     break
                 self._give_up_epoch()
                 outcome = self._lost(outcome.reason, outcome.text)
@@ -97,12 +101,18 @@ class Placement:
             if isinstance(outcome, Waiting):
                 outcome = self._lost(outcome.reason, outcome.text)
             decided.append(self._leave(outcome))
+        self.waiting_for = None
         return decided
 
     @property
     def waiting(self) -> int:
         """Number of clouds that wait for poses."""
         return len(self._waiting)
+
+    @property
+    def jumps(self) -> int:
+        """Number of jumps of the poses up to the last placed cloud."""
+        return self._run or 0
 
     def lag_s(self) -> float | None:
         """Time from the newest pose to the newest cloud, s; None if one is missing."""
@@ -117,7 +127,8 @@ class Placement:
 
     def _is_overdue(self, cloud: _Cloud) -> bool:
         waited_ns = self._progress_ns - cloud.progress_ns
-        return waited_ns > MAX_WAIT_NS or self._waiting_points > MAX_WAITING_POINTS
+        too_many = len(self._waiting) > MAX_WAITING_CLOUDS
+        return too_many or waited_ns > MAX_WAIT_NS or self._waiting_points > MAX_WAITING_POINTS
 
     def _give_up_epoch(self) -> None:
         """Follow the poses, if the stamps of the clouds alone have jumped back."""

@@ -47,11 +47,18 @@ class Placer:
             problem = "pose_source is tf, but fixed_frame is empty"
             raise ConfigError(f"{problem}; it must be a frame of tf, such as odom or map")
         self.registered = self.config.pose_source in ("auto", "registered")
-        self.reset()
+        self._tree = new_tree(self.config)
+        self._start()
 
     def reset(self) -> None:
-        """Forget all poses and transforms, and the clouds that wait for some."""
-        self._tree = new_tree(self.config)
+        """Forget the clouds that wait and all poses; static transforms stay.
+
+        Those are sent once: a latched topic does not repeat them.
+        """
+        self._tree = self._tree.static_part()
+        self._start()
+
+    def _start(self) -> None:
         self._odometry = OdometryPoses(self.config, self._tree)
         source: PoseSource = self._odometry
         if self.config.pose_source == "tf":

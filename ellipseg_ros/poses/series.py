@@ -16,6 +16,7 @@ POSE = np.dtype(
 )
 MAX_BACK_NS = SECOND  # a stamp farther behind the newest starts a new epoch: a looping bag
 MAX_WAIT_NS = 5 * SECOND  # of stamps, that a cloud waits for later poses
+MIN_CLOCK_OFFSET_S = 1000.0  # between stamps of different clocks
 MAX_EPOCHS = 8  # that are kept
 MAX_POSES = 100_000  # that are kept of an epoch: 8 minutes at 200 Hz
 # Motion that a vehicle can make on top of a constant velocity; more is a jump.
@@ -97,7 +98,8 @@ class PoseSeries:
         times = poses["time_ns"]
         if begin_ns < times[0]:
             early = (int(times[0]) - begin_ns) / SECOND
-            raise InputError(f"a cloud is {early:.3f} s older than the first pose", "before_poses")
+            text = f"a cloud is {early:.3f} s older than the first pose{other_clock(early)}"
+            raise InputError(text, "before_poses")
         if end_ns > times[-1]:
             if epoch == self.last_epoch:
                 return None
@@ -131,6 +133,13 @@ class PoseSeries:
             self.jumps += 1
             self.jump = f"the poses jumped by {moved:.2f} m and {np.degrees(turned):.1f} deg"
         return self.jumps
+
+
+def other_clock(seconds: float) -> str:
+    """Advice, if a cloud and the poses are too far apart to be of one clock."""
+    if seconds < MIN_CLOCK_OFFSET_S:
+        return ""
+    return ": of another clock? Clouds and poses must be stamped by one"
 
 
 def _deviation(last: Array, time_ns: int, pose: Transform) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ellipseg_ros.config import PlacementConfig
 from ellipseg_ros.errors import InputError
-from ellipseg_ros.poses.series import POSE, PoseSample, PoseSeries
+from ellipseg_ros.poses.series import POSE, PoseSample, PoseSeries, other_clock
 from ellipseg_ros.poses.transforms import IDENTITY, Transform, transform
 from ellipseg_ros.poses.tree import Step, TransformTree, composed, static_transform
 from ellipseg_ros.records import SECOND, Array
@@ -212,4 +212,9 @@ def _late(newest_ns: int | None, needed_ns: int) -> Waiting:
     if newest_ns is None:
         return Waiting("no_poses", "no pose has arrived")
     behind = (needed_ns - newest_ns) / SECOND
-    return Waiting("late_poses", f"the newest pose is {behind:.3f} s older than the cloud")
+    if behind <= 0.0:
+        return Waiting(
+            "late_poses", "the stamps of the clouds jumped back, those of the poses not"
+        )
+    text = f"the newest pose is {behind:.3f} s older than the cloud"
+    return Waiting("late_poses", text + other_clock(behind))

@@ -65,6 +65,14 @@ class TransformTree:
         moving = PoseSeries(self._jump_m, self._max_gap_ns) if fixed is None else fixed
         return self._links.setdefault(child, Link(parent, moving))
 
+    def static_part(self) -> "TransformTree":
+        """A tree with the static transforms of this one."""
+        tree = TransformTree(self._jump_m, self._max_gap_ns)
+        for child, link in self._links.items():
+            if isinstance(link.moving, Transform):
+                tree._links[child] = link
+        return tree
+
     def path(self, target: str, source: str) -> list[Step] | None:
         """The links from the target frame to the source frame; None: not connected so far."""
         target, source = target.lstrip("/"), source.lstrip("/")

@@ -23,7 +23,7 @@ from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
 from ellipseg_ros.records import SECOND
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
-from ellipseg_ros.ros.cloud_input import matching_reliability
+from ellipseg_ros.ros.input import matching_reliability
 from ellipseg_ros.ros.topics import create_subscription
 
 OUTPUT_TYPES = {topic.type for topic in (*topics.UPDATE_TOPICS, topics.TUNING_CURVE)}

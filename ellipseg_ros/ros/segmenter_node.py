@@ -6,21 +6,26 @@ from dataclasses import asdict
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.config import Config, NodeConfig, PlacementConfig
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.frames import looks_like_a_sensor, warning
 from ellipseg_ros.io.pointcloud2 import read_sweep
-from ellipseg_ros.io.topics import RESET, SEGMENTER
+from ellipseg_ros.io.topics import ODOMETRY, POINTS, RESET, SEGMENTER
 from ellipseg_ros.node.backlog import Backlog, Resend, Reset, Update
 from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.node.health import Health, Report
 from ellipseg_ros.node.memory import release_large_blocks
+from ellipseg_ros.node.placing import Decision, Placed, Placing
+from ellipseg_ros.poses import placer
+from ellipseg_ros.poses.placement import Unplaced
+from ellipseg_ros.poses.placer import Event
 from ellipseg_ros.records import Sweep
-from ellipseg_ros.ros.cloud_input import CloudInput
 from ellipseg_ros.ros.diagnostics import publish_diagnostics
+from ellipseg_ros.ros.input import Input, Qos
 from ellipseg_ros.ros.limits import CALLBACK_SHARE, Pauses, Quota, throttled
 from ellipseg_ros.ros.live_tuning import LiveTuning
 from ellipseg_ros.ros.outputs import Outputs
+from ellipseg_ros.ros.pose_input import PoseInput, decided, odometry_topics
 from ellipseg_ros.ros.process import End, Runnable, run, start_thread
 from ellipseg_ros.ros.topics import create_service
 from ellipseg_ros.ros.worker import Worker
@@ -35,14 +40,18 @@ class SegmenterNode(Runnable):
     """Passes clouds to the worker in groups."""
 
     def __init__(self, end: End) -> None:
-        super().__init__(SEGMENTER, Config(), NodeConfig())
+        super().__init__(SEGMENTER, Config(), NodeConfig(), PlacementConfig())
         node = self.node
         self.pauses: Pauses = Pauses(*CALLBACK_SHARE)
-        self._config, self._node_config = self.parameters.records()
+        self._config, self._node_config, placement = self.parameters.records()
+        self._placement = decided(placement, node)
         self.parameters.changed = self._apply_parameters
         self._grouping = Grouping(self._config)
         self._backlog = Backlog()
         self._health = Health()
+        poses = node.resolve_topic_name(ODOMETRY.name)
+        self._poses = "tf" if self._placement.pose_source == "tf" else poses
+        self._placing = Placing(self._placement, self._health, self._poses)
         self._outputs = Outputs(node, lambda topic: self._backlog.put(Resend(topic)))
         publish_diagnostics(node, "segmentation", self._report)
         create_service(node, RESET, self._on_reset)
@@ -71,23 +80,54 @@ class SegmenterNode(Runnable):
             "loading the kernels; the first start compiles them, which takes half a minute"
         )
         warm_up()
-        self._input = CloudInput(self.node, self._node_config, self._on_cloud, self._on_lost)
+        if self._placing.needs_poses:
+            placer.warm_up()
+        source = self._placement.pose_source
+        self._pose_input = PoseInput(self.node, source, self._on_pose, self._on_lost_poses)
+        qos = Qos(self._node_config.input_depth, self._node_config.input_reliability)
+        self._input = Input(self.node, POINTS, self._on_cloud, self._on_lost, qos)
         self._health.ready = True
-        self.log.info(f"ready; {self.parameters}")
+        origin = f"placed by poses from {self._poses}" if self._placing.needs_poses else source
+        self.log.info(f"ready; clouds are {origin}; {self.parameters}")
         self._worker.run()
 
     def _on_cloud(self, msg: PointCloud2) -> None:
-        arrival = time.monotonic()
         self.pauses.exempt()
         self._health.cloud()
         try:
-            sweep = read_sweep(msg)
-            self._check_frame(sweep.frame_id)
-            self._check_stamp(sweep)
-            self._queue(self._grouping.push(sweep), arrival)
+            cloud = read_sweep(msg)
         except InputError as error:
-            self._health.rejected(error.reason)
-            self.log.warning(f"cloud rejected: {error}", **throttled())
+            self._reject(error)
+            return
+        self._check_stamp(cloud)
+        self._handle(self._placing.take(cloud))
+
+    def _on_pose(self, event: Event) -> None:
+        self.pauses.exempt()
+        self._handle(self._placing.take(event))
+
+    def _handle(self, decisions: list[Decision]) -> None:
+        """Group the clouds that are placed; warn of others and of refused poses."""
+        for decision in decisions:
+            if isinstance(decision, Placed):
+                self._group(decision)
+            elif isinstance(decision, Unplaced):
+                self.log.warning(f"cloud not placed: {decision.text}", **throttled())
+            else:
+                self.log.warning(f"pose refused: {decision.text}", **throttled())
+
+    def _group(self, cloud: Placed) -> None:
+        self._check_frame(cloud.sweep.frame_id)
+        if text := self._placing.new_description():
+            self.log.info(f"input: {text}", **throttled())
+        try:
+            self._queue(self._grouping.push(cloud.sweep), cloud.arrival)
+        except InputError as error:
+            self._reject(error)
+
+    def _reject(self, error: InputError) -> None:
+        self._health.rejected(error.reason)
+        self.log.warning(f"cloud rejected: {error}", **throttled())
 
     def _queue(self, groups: list[Sweep], arrival: float) -> None:
         for group in groups:
@@ -104,9 +144,10 @@ class SegmenterNode(Runnable):
                 )
 
     def _check_frame(self, frame_id: str) -> None:
-        sensor_frame = frame_id if looks_like_a_sensor(frame_id) else ""
+        is_raw = looks_like_a_sensor(frame_id) and not self._placing.needs_poses
+        sensor_frame = frame_id if is_raw else ""
         if sensor_frame and sensor_frame != self._health.sensor_frame:
-            self.log.warning(warning(frame_id), **throttled())
+            self.log.warning(warning(frame_id, odometry_topics(self.node)), **throttled())
         self._health.sensor_frame = sensor_frame
 
     def _check_stamp(self, sweep: Sweep) -> None:
@@ -122,6 +163,10 @@ class SegmenterNode(Runnable):
             **throttled(),
         )
 
+    def _on_lost_poses(self, topic: str, messages: int) -> None:
+        self._health.count(poses_lost=messages)
+        self.log.warning(f"{messages} messages of {topic} were lost in transport", **throttled())
+
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Queue a reset between the clouds before the call and those after it."""
         if not self._reset_quota.take():
@@ -129,6 +174,7 @@ class SegmenterNode(Runnable):
             response.success = False
             response.message = f"at most {calls} resets in {seconds:g} s; call again later"
             return response
+        self._handle(self._placing.reset())
         try:
             self._queue(self._grouping.flush(), time.monotonic())
         except InputError as error:
@@ -141,7 +187,7 @@ class SegmenterNode(Runnable):
 
     def _apply_parameters(self) -> None:
         before = self._config
-        self._config, self._node_config = self.parameters.records()
+        self._config, self._node_config, _ = self.parameters.records()
         if (self._config.criterion, self._config.tau) != (before.criterion, before.tau):
             self._threshold_change = self._tuning.reason
         self._grouping.configure(self._config)
@@ -155,6 +201,8 @@ class SegmenterNode(Runnable):
                 "messages of both; give each node a namespace (a killed one counts for 20 s)",
                 **throttled(),
             )
+        self._health.placement = self._placing.values()
+        self._health.waiting_for = self._placing.problem()
         now_ns = self.node.get_clock().now().nanoseconds
         return self._health.report(self._backlog.waiting(), now_ns)
 

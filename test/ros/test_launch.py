@@ -8,13 +8,14 @@ from types import ModuleType, SimpleNamespace
 import pytest
 import yaml
 
-from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.config import Config, NodeConfig, PlacementConfig
 from ellipseg_ros.node.playback import ReplayOptions
 from ellipseg_ros.ros.replayer import ReplaySource
 from ellipseg_ros.settings import flatten
 
 ROOT = Path(__file__).resolve().parents[2]
-SEGMENTER = flatten(Config()) | flatten(NodeConfig()) | {"use_sim_time": False}
+SEGMENTER = flatten(Config()) | flatten(NodeConfig()) | flatten(PlacementConfig())
+SEGMENTER["use_sim_time"] = False
 REPLAYER = flatten(ReplayOptions()) | flatten(ReplaySource())
 MODULES = {
     "launch": ["LaunchDescription"],

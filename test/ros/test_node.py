@@ -21,7 +21,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ellipseg_ros.config import Config, NodeConfig
+from ellipseg_ros.config import Config, NodeConfig, PlacementConfig
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
 from ellipseg_ros.io.topics import ELLIPSOIDS
@@ -79,7 +79,7 @@ def replayed(domain, drive, tmp_path_factory):
         me.publish(PointCloud2, "/car_1/cloud_registered")  # waits until the node is ready
         markers.wait_for(1)  # of its greeting: it knows of us
         options = ReplayOptions(rate=0.0, ahead=1.0, update_period=0.5, update_timeout=60.0)
-        with Replayer(drive, options, ["--ros-args", *names], domain) as replayer:
+        with Replayer(drive, options, ["--ros-args", *names], domain=domain) as replayer:
             summary = replayer.run()
         for inbox in (segments, clouds, markers):
             inbox.wait_for(summary.updates)
@@ -236,7 +236,8 @@ def test_points_that_are_not_finite_are_counted(node, start):
 
 
 def test_every_setting_is_a_parameter_with_a_description(node):
-    settings = [*iterate_settings(Config()), *iterate_settings(NodeConfig())]
+    records = (Config(), NodeConfig(), PlacementConfig())
+    settings = [setting for record in records for setting in iterate_settings(record)]
     names = [name for name, _, _ in settings]
     described = node.me.describe(NODE, *names)
     for (name, value, about), found in zip(settings, described, strict=True):

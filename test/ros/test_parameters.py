@@ -16,7 +16,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from ellipseg_ros.config import AssociationConfig, AssociatorConfig, Config, MapConfig, NodeConfig
+from ellipseg_ros.config import (
+    AssociationConfig,
+    AssociatorConfig,
+    Config,
+    MapConfig,
+    NodeConfig,
+    PlacementConfig,
+)
 from ellipseg_ros.errors import ConfigError
 from ellipseg_ros.ros.limits import Quota
 from ellipseg_ros.ros.parameters import Parameters
@@ -135,7 +142,7 @@ def test_parameter_file_holds_the_defaults():
     """Its comments are tested in test_topics.py, with the other generated files."""
     text = (ROOT / "config" / "segmenter.yaml").read_text(encoding="utf-8")
     assert flat(yaml.safe_load(text)["/**"]["ros__parameters"]) == (
-        flatten(Config()) | flatten(NodeConfig())
+        flatten(Config()) | flatten(NodeConfig()) | flatten(PlacementConfig())
     )
 
 
@@ -148,7 +155,8 @@ def test_parameter_file_of_the_associator_holds_the_defaults():
 
 def test_ros_reads_the_parameter_file_as_the_defaults(make_node):
     node = make_node("--params-file", str(ROOT / "config" / "segmenter.yaml"))
-    assert Parameters(node, Config(), NodeConfig()).records() == (Config(), NodeConfig())
+    records = (Config(), NodeConfig(), PlacementConfig())
+    assert Parameters(node, *records).records() == records
 
 
 def flat(tree, prefix=""):

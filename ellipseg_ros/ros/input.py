@@ -1,53 +1,62 @@
-"""The subscription of `points`: adapts its reliability, and counts lost clouds."""
+"""Subscriptions to clouds and poses: they adapt their reliability, and count lost messages."""
 
 from collections.abc import Callable
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy import event_handler as events
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import PointCloud2
 
-from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.io.topics import POINTS
+from ellipseg_ros.io.topics import Topic
 from ellipseg_ros.ros.limits import throttled
 from ellipseg_ros.ros.topics import create_subscription
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 FIXED = {"reliable": RELIABLE, "best_effort": BEST_EFFORT}
-MAX_OVERLAP = 20  # clouds after which a replaced subscription is destroyed in any case
+MAX_OVERLAP = 20  # messages after which a replaced subscription is destroyed in any case
 
 
-class CloudInput:
-    """Passes on every cloud and the number of lost ones, in the thread of the callbacks.
+class Qos(NamedTuple):
+    """Quality of service of an input."""
+
+    depth: int
+    reliability: str = "auto"  # or reliable, best_effort
+
+
+class Input:
+    """Passes on every message and the number of lost ones, in the thread of the callbacks.
 
     It may be created in another thread while callbacks already run.
-    on_cloud: gets each cloud. on_lost: gets the number of clouds missing before the next one.
+    on_message: gets each message. on_lost: gets the number of those missing before the next one.
 
     Reliability `auto`: that of the publishers; best effort if one of them offers nothing else.
-    Best effort matches every publisher, but large clouds are lost if one of their fragments is.
+    Best effort matches every publisher, but large messages are lost if one of their fragments is,
+    and a lost pose changes where clouds are placed.
     """
 
     def __init__(
         self,
         node: Node,
-        config: NodeConfig,
-        on_cloud: Callable[[PointCloud2], None],
-        on_lost: Callable[[int], None],
+        topic: Topic,
+        on_message: Callable[[Any], object],
+        on_lost: Callable[[int], object],
+        qos: Qos | None = None,
     ) -> None:
         self._node = node
-        self._depth = config.input_depth
-        self._fixed = FIXED.get(config.input_reliability)  # None: that of the publishers
-        self._pass_on = on_cloud
+        self._declared = topic
+        self._depth, reliability = qos or Qos(topic.depth)
+        self._fixed = FIXED.get(reliability)  # None: that of the publishers
+        self._pass_on = on_message
         self._report_lost = on_lost
-        self._topic = node.resolve_topic_name(POINTS.name)
-        self._number: int | None = None  # of the last cloud, assigned by its publisher
+        self.topic = node.resolve_topic_name(topic.name)
+        self._number: int | None = None  # of the last message, assigned by its publisher
         self._several = False  # publishers, at the last gap
-        # After a change of reliability both subscriptions live on, until a cloud arrives on both.
+        # After a change of reliability both subscriptions live on, until a message arrives on
+        # both; those that are queued then may arrive twice as well.
         self._replaced: Subscription[Any] | None = None
-        self._overlap: list[tuple[int, int | None]] = []  # clouds that arrived meanwhile
+        self._overlap: set[tuple[int, int | None]] | None = None  # messages since; None: none
         # A publisher may match, and `_adapt` run, before `_subscribe` has returned.
         self._lock = Lock()  # for reliability and subscription
         with self._lock:
@@ -55,17 +64,19 @@ class CloudInput:
             self._subscription = self._subscribe()
 
     def _required_reliability(self) -> ReliabilityPolicy:
-        return self._fixed or matching_reliability(self._node, self._topic)
+        return self._fixed or matching_reliability(self._node, self.topic)
 
     def _subscribe(self) -> "Subscription[Any]":
         qos = QoSProfile(depth=self._depth, reliability=self.reliability)
+        if self._declared.latched:
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         callbacks = events.SubscriptionEventCallbacks(
             message_lost=self._on_lost,
             matched=self._on_match,
             incompatible_qos=None if self._fixed else lambda _: self._adapt(),  # None: warns
         )
         return create_subscription(
-            self._node, POINTS, self._on_cloud, qos, event_callbacks=callbacks
+            self._node, self._declared, self._on_message, qos, event_callbacks=callbacks
         )
 
     def _on_match(self, event: events.QoSSubscriptionMatchedInfo) -> None:
@@ -81,39 +92,44 @@ class CloudInput:
             self.reliability = required
             if self._replaced is not None:
                 self._node.destroy_subscription(self._replaced)
+            self._overlap = self._overlap or set()
             self._replaced, self._subscription = self._subscription, self._subscribe()
         name = required.name.lower().replace("_", " ")
         self._node.get_logger().info(
-            f"{self._topic}: {name}, as its publishers are", **throttled(1.0)
+            f"{self.topic}: {name}, as its publishers are", **throttled(1.0)
         )
 
-    def _on_cloud(self, msg: PointCloud2, info: dict[str, Any]) -> None:
+    def _on_message(self, msg: Any, info: dict[str, Any]) -> None:
         number = info["publication_sequence_number"]
-        if self._replaced is not None and self._is_duplicate((info["source_timestamp"], number)):
+        message = info["source_timestamp"], number
+        if self._overlap is not None and self._is_duplicate(message, self._overlap):
             return
         self._check_gap(number)
         self._pass_on(msg)
 
-    def _is_duplicate(self, cloud: tuple[int, int | None]) -> bool:
-        """Whether the cloud has arrived on both subscriptions; the new one is complete then."""
-        duplicate = cloud in self._overlap
-        self._overlap.append(cloud)
-        if duplicate or len(self._overlap) == MAX_OVERLAP:
+    def _is_duplicate(
+        self, message: tuple[int, int | None], overlap: set[tuple[int, int | None]]
+    ) -> bool:
+        """Whether the message has arrived on both subscriptions; the new one is complete then."""
+        duplicate = message in overlap
+        overlap.add(message)
+        if self._replaced is not None and (duplicate or len(overlap) >= MAX_OVERLAP):
             self._node.destroy_subscription(self._replaced)
             self._replaced = None
-            self._overlap.clear()
+        if self._replaced is None and len(overlap) > self._depth + MAX_OVERLAP:
+            self._overlap = None  # no message of the old subscription is queued any more
         return duplicate
 
     def _check_gap(self, number: int | None) -> None:
         """Report a gap in the publisher's numbers.
 
-        Clouds are lost in transport, or evicted from the full queue of input_depth, which DDS
-        does not report. With several publishers the numbers can't be attributed.
+        Messages are lost in transport, or evicted from the full queue, which DDS does not report.
+        With several publishers the numbers can't be attributed.
         """
         before, self._number = self._number, number
         if number is None or before is None or number == before + 1:
             return
-        if self._node.count_publishers(self._topic) != 1:
+        if self._node.count_publishers(self.topic) != 1:
             self._several = True
         elif self._several:  # the number before may be of a publisher that has left
             self._several = False

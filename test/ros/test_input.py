@@ -1,4 +1,4 @@
-"""The subscription of `points` adapts to the reliability of its publishers and counts losses."""
+"""An input adapts to the reliability of its publishers and counts losses."""
 
 from contextlib import contextmanager
 from threading import Thread
@@ -13,8 +13,8 @@ from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
-from ellipseg_ros.config import NodeConfig
-from ellipseg_ros.ros.cloud_input import MAX_OVERLAP, CloudInput
+from ellipseg_ros.io.topics import POINTS
+from ellipseg_ros.ros.input import MAX_OVERLAP, Input, Qos
 from ellipseg_ros.ros.process import Spinner
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -28,8 +28,8 @@ def me(ros_domain):
 
 
 @contextmanager
-def listening(domain, **settings):
-    """A CloudInput in a node of its own: the numbers of the clouds that come."""
+def listening(domain, reliability="auto"):
+    """An Input in a node of its own: the numbers of the clouds that come."""
     context = Context()
     rclpy.init(args=[], context=context, domain_id=domain)
     node = Node("listener", context=context)
@@ -38,7 +38,7 @@ def listening(domain, **settings):
     def take(msg):
         came.put(msg.header.stamp.sec)
 
-    points = CloudInput(node, NodeConfig(**settings), take, lost.append)
+    points = Input(node, POINTS, take, lost.append, Qos(100, reliability))
     spinner = Spinner(node, failed.append)
     yield SimpleNamespace(came=came, lost=lost, points=points)
     spinner.stop()
@@ -96,7 +96,7 @@ def test_best_effort_publisher_beside_a_reliable_one_is_received(me, ros_domain)
 
 @pytest.mark.parametrize("given", ["best_effort", "reliable"])
 def test_fixed_reliability_does_not_adapt(given, me, ros_domain):
-    with listening(ros_domain, input_reliability=given) as here:
+    with listening(ros_domain, reliability=given) as here:
         outbox = me.publish(PointCloud2, "/points")
         for number in range(100):  # best effort, what comes before both ends match is lost
             outbox.send(wall(number, points=10))
@@ -125,11 +125,13 @@ class Counted:
 
 def test_departure_of_a_publisher_is_not_a_loss():
     node, lost = Counted(), []
-    points = CloudInput(node, NodeConfig(), lambda _: None, lost.append)
+    points = Input(node, POINTS, lambda _: None, lost.append)
 
     def come(*numbers):
         for number in numbers:
-            points._on_cloud(None, {"publication_sequence_number": number, "source_timestamp": 0})
+            points._on_message(
+                None, {"publication_sequence_number": number, "source_timestamp": 0}
+            )
 
     come(1, 2, 5)
     assert lost == [2]
@@ -174,7 +176,7 @@ class Early:
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
 def test_publisher_matched_during_subscription_is_adapted_to():
     node = Early()
-    points = CloudInput(node, NodeConfig(), None, None)
+    points = Input(node, POINTS, None, None)
     node.found.join()
     assert node.made == [RELIABLE, BEST_EFFORT]
     assert points.reliability == BEST_EFFORT
