@@ -57,6 +57,7 @@ class Input:
         # both; those that are queued then may arrive twice as well.
         self._replaced: Subscription[Any] | None = None
         self._overlap: set[tuple[int, int | None]] | None = None  # messages since; None: none
+        self._overlap_end = 0  # number of those after which the replaced one is destroyed
         # A publisher may match, and `_adapt` run, before `_subscribe` has returned.
         self._lock = Lock()  # for reliability and subscription
         with self._lock:
@@ -93,6 +94,7 @@ class Input:
             if self._replaced is not None:
                 self._node.destroy_subscription(self._replaced)
             self._overlap = self._overlap or set()
+            self._overlap_end = len(self._overlap) + MAX_OVERLAP
             self._replaced, self._subscription = self._subscription, self._subscribe()
         name = required.name.lower().replace("_", " ")
         self._node.get_logger().info(
@@ -113,10 +115,10 @@ class Input:
         """Whether the message has arrived on both subscriptions; the new one is complete then."""
         duplicate = message in overlap
         overlap.add(message)
-        if self._replaced is not None and (duplicate or len(overlap) >= MAX_OVERLAP):
+        if self._replaced is not None and (duplicate or len(overlap) >= self._overlap_end):
             self._node.destroy_subscription(self._replaced)
             self._replaced = None
-        if self._replaced is None and len(overlap) > self._depth + MAX_OVERLAP:
+        if self._replaced is None and len(overlap) > self._overlap_end + self._depth:
             self._overlap = None  # no message of the old subscription is queued any more
         return duplicate
 

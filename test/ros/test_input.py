@@ -119,8 +119,17 @@ class Counted:
     def count_publishers(self, topic):
         return self.publishers
 
+    def __init__(self):
+        self.destroyed = []
+
     def create_subscription(self, *_, **__):
         return None
+
+    def destroy_subscription(self, subscription):
+        self.destroyed.append(subscription)
+
+    def get_logger(self):
+        return get_logger("counted")
 
 
 def test_departure_of_a_publisher_is_not_a_loss():
@@ -142,6 +151,17 @@ def test_departure_of_a_publisher_is_not_a_loss():
     assert lost == [2]
     come(5006)
     assert lost == [2, 1]
+
+
+def test_messages_that_are_queued_on_both_subscriptions_are_passed_on_once():
+    node, came = Counted(), []
+    points = Input(node, POINTS, came.append, lambda _: None, Qos(100))
+    points._replaced, points._overlap, points._overlap_end = 1, set(), MAX_OVERLAP
+    for number in [1, 2, 3, 1, 2, 3, 4, 5]:  # three of the replaced one, then the new one
+        info = {"publication_sequence_number": number, "source_timestamp": 0}
+        points._on_message(number, info)
+    assert came == [1, 2, 3, 4, 5]
+    assert points._replaced is None and node.destroyed == [1]
 
 
 class Early:
