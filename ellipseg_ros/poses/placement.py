@@ -163,7 +163,8 @@ class Placement:
             times = _no_times(sweep)
         else:
             times = point_times(sweep.fields, sweep.stamp_ns, chosen)
-            if len(np.unique(times.offsets_ns[times.valid])) < 2:
+            offsets = times.offsets_ns[times.valid]
+            if not len(offsets) or offsets.min() == offsets.max():
                 times = _no_times(sweep)
         if config.deskew == "on" and not times.meaning:
             problem = "a cloud has no times of points, or all are equal"
@@ -176,15 +177,15 @@ class Placement:
         return times
 
     def _place(self, sweep: Sweep, times: PointTimes, track: Track, shift_ns: int) -> Sweep:
-        points = np.where(times.valid[:, None], sweep.points, np.nan)
         times_ns = sweep.stamp_ns + times.offsets_ns - shift_ns
         if track.registered:
-            placed = points
-            ranges = _ranges_from(points, times_ns, track)
-            keep = np.ones(len(points), bool)
+            placed = sweep.points
+            ranges = _ranges_from(placed, times_ns, track)
+            keep = np.ones(len(sweep), bool)
         else:
-            ranges, keep = filtered(points, self._limits, self._box)
-            placed = place(points, times_ns, track.poses, track.extrinsic)
+            ranges, keep = filtered(sweep.points, self._limits, self._box)
+            timed = np.where(times.valid[:, None], sweep.points, np.nan)
+            placed = place(timed, times_ns, track.poses, track.extrinsic)
         self.understood["fixed frame"] = track.frame_id
         self.understood["registered"] = "yes" if track.registered else "no"
         result = replace(

@@ -10,6 +10,7 @@ from ellipseg_ros.records import SECOND, Array
 
 MAX_OFFSET_NS = 10 * SECOND  # from the stamp; larger values are no times, or of another clock
 MAX_DISTANCE_NS = SECOND  # of the nearest point of a cloud from its stamp
+MIN_VALID = 0.9  # share of the given times that must be within MAX_OFFSET_NS
 MAX_RATE = 2e7  # points/s: no lidar measures more, so shorter spans are of another unit
 INVALID_NS = -4 * 10**18  # for NaN and values beyond int64
 
@@ -60,34 +61,49 @@ def point_times(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> 
       else s from the stamp;
     - or any of these in another unit; or else the time of another clock, from its first point.
 
-    The first meaning is used in which at least half of the times are within 10 s of the stamp, one
-    of them within 1 s, and the rate is below MAX_RATE. Raises InputError if there is none, or no
-    field of a given name.
+    The first meaning is used in which at least MIN_VALID of the given times (neither NaN nor 0) are
+    within 10 s of the stamp, one of them within 1 s, and the rate is below MAX_RATE. Raises
+    InputError if there is none, or no field of a given name.
     """
     name = chosen.name or _find(fields)
     if not name:
         none = np.zeros(len(fields), np.int64)
         return PointTimes(none, np.ones(len(fields), bool), "")
-    if name not in (fields.dtype.names or ()):
-        listed = ", ".join(fields.dtype.names or ()) or "none"
-        raise InputError(f"the cloud has no time field {name!r}; it has {listed}", "point_times")
+    if name not in _numeric(fields):
+        listed = ", ".join(_numeric(fields)) or "none"
+        problem = f"the cloud has no time field {name!r}"
+        raise InputError(f"{problem}; its fields of one number are {listed}", "point_times")
     values = fields[name]
+    given = _given(values)
     for unit, reference, offsets in _meanings(values, stamp_ns, name == OFFSET, chosen.unit):
         valid = (-MAX_OFFSET_NS <= offsets) & (offsets <= MAX_OFFSET_NS)  # |-2^63| is -2^63
-        count = np.count_nonzero(valid)
-        near = _is_near(offsets[valid]) or name == OFFSET or reference == FROM_FIRST
-        if 2 * count >= len(offsets) and near and _is_plausible(offsets[valid]):
+        used = valid & given
+        enough = np.count_nonzero(used) >= MIN_VALID * np.count_nonzero(given)
+        near = _is_near(offsets[used]) or name == OFFSET or reference == FROM_FIRST
+        plausible = _is_plausible(offsets[used], values[used])
+        if enough and near and plausible and (valid.any() or not len(values)):
             return PointTimes(np.where(valid, offsets, 0), valid, f"{name} [{unit}] {reference}")
-    seen = f"{values.min(initial=0):g} to {values.max(initial=0):g}"
+    numbers = values[np.isfinite(values)]
+    seen = f"{numbers.min():g} to {numbers.max():g}" if len(numbers) else "not finite"
     problem = f"the times {name!r} of a cloud are {seen}"
     advice = "they must be within 10 s of each other (time_field, time_unit)"
     raise InputError(f"{problem}; {advice}", "point_times")
 
 
+def _numeric(fields: Array) -> list[str]:
+    """The fields that hold one number for each point."""
+    names = fields.dtype.names or ()
+    return [name for name in names if fields.dtype[name].kind in "iuf"]
+
+
 def _find(fields: Array) -> str:
-    kinds = {name: fields.dtype[name] for name in fields.dtype.names or ()}
-    times = {name for name, kind in kinds.items() if kind.kind in "iuf" and kind.itemsize >= 4}
+    times = {name for name in _numeric(fields) if fields.dtype[name].itemsize >= 4}
     return next((name for name in NAMES if name in times), "")
+
+
+def _given(values: Array) -> Array:
+    """(n,) bool: not NaN, and not 0, which many drivers write where there is no return."""
+    return np.isfinite(values) & (values != 0)
 
 
 def _is_near(offsets: Array) -> bool:
@@ -95,10 +111,15 @@ def _is_near(offsets: Array) -> bool:
     return not len(offsets) or int(np.abs(offsets).min()) <= MAX_DISTANCE_NS
 
 
-def _is_plausible(offsets: Array) -> bool:
-    """Whether the rate of points is one that a lidar can have; equal times are."""
+def _is_plausible(offsets: Array, values: Array) -> bool:
+    """Whether the rate of points is one that a lidar can have; equal times are.
+
+    offsets (n,) int64, ns, of values (n,): different values must not be rounded to one.
+    """
     span = int(np.ptp(offsets)) if len(offsets) else 0
-    return span == 0 or len(offsets) * SECOND <= MAX_RATE * span
+    if span == 0:
+        return not len(values) or bool(values.min() == values.max())
+    return len(offsets) * SECOND <= MAX_RATE * span
 
 
 def _meanings(
@@ -138,7 +159,7 @@ def _from_first(values: Array, unit: int) -> Array:
         steps = (values.astype(np.int64) - int(values[0]) + 2**31) % 2**32 - 2**31
         return (steps - steps.min()) * unit
     ns = _nanoseconds(values, unit)
-    known = ns[ns > INVALID_NS]
+    known = ns[(ns > INVALID_NS) & _given(values)]
     return np.where(ns > INVALID_NS, ns - (known.min() if len(known) else 0), INVALID_NS)
 
 
