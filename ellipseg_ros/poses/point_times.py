@@ -61,7 +61,7 @@ def point_times(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> 
       else s from the stamp;
     - or any of these in another unit; or else the time of another clock, from its first point.
 
-    The first meaning is used in which at least MIN_VALID of the given times (neither NaN nor 0) are
+    The first meaning is used in which at least 90 % of the given times (neither NaN nor 0) are
     within 10 s of the stamp, one of them within 1 s, and the rate is below MAX_RATE. Raises
     InputError if there is none, or no field of a given name.
     """

@@ -72,6 +72,8 @@ class PoseSeries:
             behind = newest - time_ns
             if behind <= MAX_BACK_NS:
                 problem = f"a pose is {behind / SECOND:.3f} s older than the one before"
+                if not behind:
+                    problem = "two poses have the same stamp"
                 raise InputError(f"{problem}; poses must come in the order of time", "pose_order")
             self._epochs.append(Column(np.zeros(0, POSE)))
             if len(self._epochs) > MAX_EPOCHS:

@@ -51,7 +51,10 @@ class TransformTree:
         if link.parent != parent:
             problem = f"frame {child!r} has two parents, {link.parent!r} and {parent!r}"
             raise InputError(f"{problem}; tf must be a tree", "tf_parents")
-        if isinstance(link.moving, PoseSeries) and not static:
+        if isinstance(link.moving, PoseSeries) == static:
+            problem = f"frame {child!r} is both on /tf and, as static, on /tf_static"
+            raise InputError(f"{problem}; it must be on one of them", "tf_static")
+        if isinstance(link.moving, PoseSeries):
             link.moving.add(sample.time_ns, sample.pose)
 
     def _new_link(self, parent: str, child: str, fixed: Transform | None) -> Link:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation, Slerp
+from naive_poses import naive_pose
+from scipy.spatial.transform import Rotation
 
 from ellipseg_ros.poses.filters import filtered
 from ellipseg_ros.poses.interpolation import interpolated, place
@@ -21,16 +22,6 @@ def series(count, rng, spread=10.0, start_ns=1_700_000_000 * NS):
     poses["rotation"] *= rng.choice([-1.0, 1.0], (count, 1))
     poses["run"] = 3
     return poses
-
-
-def naive_pose(poses, time_ns):
-    """Position (3,) and scipy Rotation at one time."""
-    if len(poses) == 1:
-        return poses["position"][0], Rotation.from_quat(poses["rotation"][0])
-    seconds = (poses["time_ns"] - poses["time_ns"][0]) / NS
-    at = (int(time_ns) - int(poses["time_ns"][0])) / NS
-    position = [np.interp(at, seconds, poses["position"][:, axis]) for axis in range(3)]
-    return np.array(position), Slerp(seconds, Rotation.from_quat(poses["rotation"]))(at)
 
 
 def naive_place(points, times_ns, poses, extrinsic):
