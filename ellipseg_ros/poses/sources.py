@@ -70,7 +70,7 @@ class OdometryPoses:
     def __post_init__(self) -> None:
         self._series = _new_series(self.config)
         self._extrinsics = {
-            name: transform(numbers[:3], numbers[3:])
+            name.lstrip("/"): transform(numbers[:3], numbers[3:])
             for name, numbers in self.config.extrinsics.items()
         }
         self.frame_id = ""
@@ -79,12 +79,13 @@ class OdometryPoses:
 
     def add(self, sample: PoseSample) -> None:
         """Take a pose; InputError if its frames are others than before, or it is older."""
+        frame_id, child_frame_id = (name.lstrip("/") for name in sample[1:3])  # "/" as in ROS 1
         if not self._started:
-            self.frame_id, self.child_frame_id = sample.frame_id, sample.child_frame_id
+            self.frame_id, self.child_frame_id = frame_id, child_frame_id
             self._started = True
         for name, was, now in (
-            ("frame", self.frame_id, sample.frame_id),
-            ("child frame", self.child_frame_id, sample.child_frame_id),
+            ("frame", self.frame_id, frame_id),
+            ("child frame", self.child_frame_id, child_frame_id),
         ):
             if was != now:
                 problem = f"the {name} of the odometry changed from {was!r} to {now!r}"
@@ -95,7 +96,7 @@ class OdometryPoses:
         """The poses of a cloud; InputError if it can never have one."""
         if not self._started:
             return Waiting("no_poses", "no odometry has arrived")
-        extrinsic = self._extrinsic(query.frame_id)
+        extrinsic = self._extrinsic(query.frame_id.lstrip("/"))
         if isinstance(extrinsic, Waiting):
             return extrinsic
         poses = self._series.stretch(query.epoch, query.begin_ns, query.end_ns)
