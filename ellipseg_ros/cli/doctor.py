@@ -34,7 +34,9 @@ def run(args: Namespace) -> int:
         "environment": list(check_environment(os.environ, middleware)),
     }
     graph: GraphSnapshot | None = None
-    if not (args.offline or ros_error or not middleware):
+    if args.source:
+        findings["recording"] = _recording(args)
+    elif not (args.offline or ros_error or not middleware):
         print_status(f"observing the graph for {args.seconds:g} s ...", args)
         try:
             from ellipseg_ros.ros.graph_probe import GraphProbe  # only here: it needs ROS
@@ -66,6 +68,20 @@ def _import_ros() -> tuple[str, str]:
         return result["middleware"], result["problem"]
     last = done.stderr.strip().splitlines()[-1:] or [f"the process ended with {done.returncode}"]
     return "", f"ROS does not load: {' '.join(last[0].split())}"
+
+
+def _recording(args: Namespace) -> list[Finding]:
+    """Findings about the recording that the command line names."""
+    from ellipseg_ros.cli.sources import open_input  # only here: numba may not load
+    from ellipseg_ros.doctor.recording import check_recording
+
+    print_status(f"reading {args.source} ...", args)
+    try:
+        return list(check_recording(open_input(args.source, args)))
+    except EllipsegError as problem:
+        return [
+            error(str(problem), "correct what it names; docs/guide/sensors.md describes inputs")
+        ]
 
 
 def _speed(graph: GraphSnapshot | None, args: Namespace) -> Finding:

@@ -146,10 +146,11 @@ def demo(command: ArgumentParser) -> None:
 
 
 def doctor(command: ArgumentParser) -> None:
-    """Check installation, environment, running graph and speed.
+    """Check installation, environment, running graph or a recording, and speed.
 
     examples:
       ellipseg doctor                           installation, environment, graph, speed
+      ellipseg doctor drive.mcap --no-speed     how a recording is understood; odometry_stamp
       ellipseg doctor --topic /cloud_registered --seconds 10
       ellipseg doctor --namespace /front
       ellipseg doctor --offline --no-speed --json
@@ -157,8 +158,11 @@ def doctor(command: ArgumentParser) -> None:
     Exit code 1: at least one finding is an error.
     """
     add = command.add_argument
+    add("source", nargs="?", default="", help=f"in place of the graph: {options.SOURCES}")
     about = "with the clouds (what a segmenter subscribes to, or points)"
     add("--topic", default="", help=about)
+    about = "of the recording's raw clouds: topic, /tf, file of poses or kiss-icp"
+    add("--odometry", default="", metavar="POSES", help=about)
     add("--namespace", default="/", metavar="NS", help="of topic and segmenter (all)")
     add("--seconds", type=float, default=5.0, metavar="S", help="to observe the clouds (5)")
     add("--offline", action="store_true", help="do not observe the running graph")

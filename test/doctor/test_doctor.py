@@ -2,8 +2,10 @@
 
 import json
 import time
+from pathlib import Path
 
 import pytest
+import raw_rooms
 from numba import config
 
 from ellipseg_ros.cli import doctor
@@ -11,6 +13,7 @@ from ellipseg_ros.cli.main import main
 from ellipseg_ros.cli.parser import build_parser
 from ellipseg_ros.doctor import speed
 from ellipseg_ros.doctor.findings import ERROR, Finding, error, ok, warn
+from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.segmenter import warm_up
 
 
@@ -74,6 +77,22 @@ def test_missing_middleware_is_an_error(
     rows = json.loads(capsys.readouterr().out)
     assert any("RMW_IMPLEMENTATION rmw_no_such" in row["text"] for row in rows)
     assert not any(row["section"] == "graph" for row in rows)
+
+
+def test_recording_is_checked_in_place_of_the_graph(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with BagSink(tmp_path / "raw") as bag:
+        for event in raw_rooms.in_order(raw_rooms.clouds(12, 400), raw_rooms.odometry(12)):
+            bag.write_event(event)
+    main(["doctor", str(tmp_path / "raw"), "--no-speed", "--json"])
+    rows = [row for row in json.loads(capsys.readouterr().out) if row["section"] == "recording"]
+    assert [row["level"] for row in rows] == ["ok"] * 4, rows
+    assert "poses: the topic /odometry" in rows[1]["text"]
+    assert rows[3]["text"].endswith("odometry_stamp exact is right")
+    assert main(["doctor", str(tmp_path / "missing"), "--no-speed", "--json"]) == 1
+    (row,) = [r for r in json.loads(capsys.readouterr().out) if r["section"] == "recording"]
+    assert "there is no" in row["text"]
 
 
 def test_this_installation_works(capsys: pytest.CaptureFixture[str]) -> None:
