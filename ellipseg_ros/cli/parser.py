@@ -66,7 +66,7 @@ def simulate(command: ArgumentParser) -> None:
       ellipseg simulate woodland -o wood --seed 3
       ellipseg simulate woodland -o back --seed 3 --noise-seed 1 --start 30 --backwards
       ellipseg simulate town -o town --duration 10
-      ellipseg simulate town -o town_livox --lidar solid_state
+      ellipseg simulate town -o town_raw --raw --lidar wide32 --odometry-stamp scan_end
     """
     command.add_argument("scene", help=options.SCENES)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="bag to write (new)")
@@ -83,6 +83,18 @@ def simulate(command: ArgumentParser) -> None:
     add("--aside", type=float, metavar="M", help="m to the left of the lane (0)")
     about = "against the lane, from the start"
     add("--backwards", action="store_true", default=None, help=about)
+    about = "for any lidar but sick: clouds as a driver publishes them, with an odometry and tf"
+    add = command.add_argument_group("raw sweeps", about).add_argument
+    add("--raw", action="store_true", help="in the frame of the lidar, with times of points")
+    about = "whose field of time: ouster, velodyne, hesai or livox (that of the lidar)"
+    add("--vendor", metavar="NAME", help=about)
+    about = "beams without a return: left_out, zero or nan (as the lidar)"
+    add("--missing", metavar="ROWS", help=about)
+    add("--stamp", metavar="END", help="of the sweep that stamps the cloud: begin or end (begin)")
+    about = "exact, or the pose of a sweep's end stamped with its begin or end: scan_begin, "
+    about += "scan_end (exact)"
+    add("--odometry-stamp", metavar="MEANING", help=about)
+    add("--odometry-rate", type=int, metavar="HZ", help="poses per second, if exact (50)")
 
 
 def tune(command: ArgumentParser) -> None:

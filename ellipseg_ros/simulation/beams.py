@@ -37,6 +37,8 @@ from ellipseg_ros.simulation.rays import (
 from ellipseg_ros.simulation.shapes import BOX, CONE
 
 LEAF = 0.15  # m: edge of the cubes that are full of leaves or empty
+CLUMP = 4  # cubes along a clump of leaves
+CLUMPS = 0.45  # share of the clumps that hold leaves
 PASS = 0.5  # share of beams that pass a cube of leaves
 PART = 64  # lines that a thread casts at once
 FIRST_NUMBER = 1 << 20  # of the random numbers of a beam; ray casting uses the lower ones
@@ -261,20 +263,28 @@ def _in_axes(table, b, x, y, z):
 def _leaf(o, d, enter, leave, density, key):
     """Distance to the first leaf between two distances along a beam, or FAR.
 
-    A share of the cubes of LEAF holds leaves, always the same ones, and a beam is stopped with
-    probability 1 - PASS in each of them, so that the mean free path is about 1 / density.
+    A share of the cubes of LEAF holds leaves, always the same ones and in clumps, and a beam is
+    stopped with probability 1 - PASS in each of them. On the average of a body's surface, beams
+    are stopped at the rate `density` per m; between the clumps they get farther.
     """
-    full = (1.0 - np.exp(-density * LEAF)) / (1.0 - PASS)
+    full = (1.0 - np.exp(-density * LEAF)) / ((1.0 - PASS) * CLUMPS)
     t, number = enter + LEAF * uniform(key, 0), 1
     while t < leave:
         x = int(np.floor((o[0] + t * d[0]) / LEAF))
         y = int(np.floor((o[1] + t * d[1]) / LEAF))
         z = int(np.floor((o[2] + t * d[2]) / LEAF))
-        cube = np.uint64(x * 73856093) ^ np.uint64(y * 19349663) ^ np.uint64(z * 83492791)
-        if uniform(cube, 0) < full and uniform(key, number) >= PASS:
-            return t
+        if _hash(x, y, z, 0) < full and uniform(key, number) >= PASS:
+            if _hash(x // CLUMP, y // CLUMP, z // CLUMP, 1) < CLUMPS:
+                return t
         t, number = t + LEAF, number + 1
     return FAR
+
+
+@kernel
+def _hash(x, y, z, number):
+    """A number in 0...1 that belongs to a cube of a lattice."""
+    cube = np.uint64(x * 73856093) ^ np.uint64(y * 19349663) ^ np.uint64(z * 83492791)
+    return uniform(cube, number)
 
 
 @inlined

@@ -14,6 +14,7 @@ from ellipseg_ros.simulation import scanner
 from ellipseg_ros.simulation.beams import Beams, Ends, cast_beams, measure
 from ellipseg_ros.simulation.drive import START_NS, DriveSettings
 from ellipseg_ros.simulation.grid import CELL, Grid, make_grid
+from ellipseg_ros.simulation.items import SCREEN
 from ellipseg_ros.simulation.lidars import LIDARS, SWEEP_NS, Lidar
 from ellipseg_ros.simulation.scanner import SWEEPS_PER_SECOND
 from ellipseg_ros.simulation.scenes import LAYOUTS
@@ -24,6 +25,7 @@ BLOCK = SWEEPS_PER_SECOND  # sweeps for which the surroundings are loaded at onc
 KNOTS_PER_SECOND = 100  # of the true trajectory, which is interpolated between them
 MOUNT = (0.4, 0.1, 1.7)  # m: the lidar in base_link, the frame on the ground below the vehicle
 MOUNT_YAW, MOUNT_PITCH = np.radians(2.0), np.radians(1.0)
+GLASS = 0.005  # share of the light that a car's screen returns; the rest passes or glances off
 FIELDS = np.dtype(
     [
         *((name, np.float32) for name in "xyz"),
@@ -213,7 +215,10 @@ def _attributes(ends: Ends, bodies: tuple[Shapes, ...], soil: float) -> tuple[Ar
     truth["class"] = column("kind", Class.GROUND)
     truth["instance"] = column("instance", 0)
     truth["moving"] = ends.body >= len(bodies[0].kind)
-    return truth, column("reflectivity", soil)
+    reflectivity = column("reflectivity", soil)
+    glass = (truth["class"] == Class.VEHICLE) & (reflectivity <= SCREEN.reflectivity)
+    reflectivity[glass] *= GLASS
+    return truth, reflectivity
 
 
 def _distances(

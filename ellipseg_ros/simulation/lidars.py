@@ -65,7 +65,7 @@ LIDARS = {
     "hdl64e": Lidar(
         turning,
         np.concatenate([np.linspace(-24.8, -8.83, 32), np.linspace(-8.33, 2.0, 32)]),
-        *(2000, 2.0, 90.0, 0.015, 60.0, 0.02, 0.002, "velodyne", "left_out"),
+        *(2000, 2.0, 90.0, 0.015, 75.0, 0.02, 0.002, "velodyne", "left_out"),
     ),
     # Ouster OS1-32: 327,680 beams a second.
     "wide32": Lidar(

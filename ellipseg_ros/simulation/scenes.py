@@ -109,29 +109,29 @@ def _mixed(site: Site) -> None:
 
 
 def _town(site: Site) -> None:
-    for side, kerb, front in ((1.0, 7.6, 11.5), (-1.0, 4.2, 7.8)):
+    for side, kerb, front in ((1.0, 9.0, 15.0), (-1.0, 5.6, 11.0)):
         rows.kerb(site, side * kerb, side * (front + 0.5))
-        rows.houses(site, side, front, (1.5, 14.0))
+        rows.houses(site, side, front, (1.0, 9.0))
         rows.gardens(site, side, front - 0.4)
         rows.people(site, side * (kerb + 0.7), side * (front - 0.8), 15.0)
         rows.street_furniture(site, side * (kerb + 0.4))
-    rows.parked(site, 6.4, 0.65)
-    rows.parked(site, -3.1, 0.5)
-    rows.lamps(site, 8.0, 31.0)
-    rows.avenue(site, -4.8, 14.0, (6.0, 9.0))
-    rows.avenue(site, 8.4, 12.0, (6.0, 10.0))
-    rows.wires(site, 10.4)
+    rows.parked(site, 7.9, 0.4)
+    rows.parked(site, -4.5, 0.3)
+    rows.lamps(site, 9.4, 31.0)
+    rows.avenue(site, -6.2, 17.0, (6.0, 9.0))
+    rows.avenue(site, 9.9, 13.0, (6.0, 10.0))
+    rows.wires(site, 13.4)
     rows.drivers(site, 0.0, 10.0, (24.0, 60.0))
-    rows.drivers(site, 3.3, -9.0, (20.0, 60.0))
-    rows.walkers(site, 8.6, 10.4, 9.0)
-    rows.walkers(site, -5.2, -7.0, 11.0)
-    rows.crossers(site, -7.0, 10.0, 35.0)
+    rows.drivers(site, 4.0, -9.0, (30.0, 80.0))
+    rows.walkers(site, 10.2, 13.4, 11.0)
+    rows.walkers(site, -6.8, -9.8, 13.0)
+    rows.crossers(site, -9.0, 12.0, 40.0)
 
 
 def _forest(site: Site) -> None:
-    rows.forest(site, 3.4, 30.0, 2.6)
-    rows.forest(site, -30.0, -3.4, 2.6)
-    for inner, outer, spacing in ((2.6, 5.0, 0.8), (3.5, 9.0, 0.7), (6.0, 22.0, 0.7)):
+    rows.forest(site, 4.0, 34.0, 2.6)
+    rows.forest(site, -34.0, -4.0, 2.6)
+    for inner, outer, spacing in ((3.2, 5.5, 0.8), (4.0, 10.0, 0.7), (6.0, 24.0, 0.6)):
         rows.undergrowth(site, inner, outer, spacing)
         rows.undergrowth(site, -outer, -inner, spacing)
     rows.drivers(site, 0.0, 18.0, (35.0, 120.0))

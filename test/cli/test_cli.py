@@ -73,6 +73,18 @@ def test_simulate_writes_the_scene_with_ground_truth(bag):
             np.testing.assert_array_equal(sweep.fields[name], same.fields[name])
 
 
+def test_raw_drive_is_placed_by_its_odometry(run):
+    drive = ("town", "-o", "raw", "--raw", "--lidar", "wide32", "--duration", "0.4")
+    words = ("simulate", *drive, "--stamp", "end", "--vendor", "hesai", "--json")
+    summary = json.loads(run(*words)[1])
+    assert summary["frame_id"] == "lidar" and summary["points"] == 4 * 1024 * 32
+    placed = [sweep for sweep in open_source("raw", odometry="/odometry") if len(sweep)]
+    assert placed and all(sweep.frame_id == "odom" for sweep in placed)
+    for sweep in placed:
+        assert sweep.fields.dtype["timestamp"] == np.float64
+        assert np.nanmax(np.linalg.norm(sweep.points - sweep.fields["truth"], axis=1)) < 0.2
+
+
 def test_seeds_differ(run, bag):
     run("simulate", "industrial", "-o", "other", "--duration", "2.2", "--seed", "5")
     first = [next(iter(open_source(path))) for path in (bag, "other")]
@@ -182,6 +194,10 @@ ERRORS = {
     "unknown scene": (["segment", "sim:moon"], "industrial"),
     "unknown scene to simulate": (["simulate", "moon", "-o", "x"], "industrial"),
     "duration out of range": (["simulate", "mixed", "-o", "x", "--duration", "-1"], "duration"),
+    "raw sweeps of a plane": (["simulate", "mixed", "-o", "x", "--raw"], "--lidar hdl64e"),
+    "raw option alone": (["simulate", "town", "-o", "x", "--stamp", "end"], "--stamp needs --raw"),
+    "unknown lidar": (["simulate", "town", "-o", "x", "--lidar", "radar"], "one of hdl64e"),
+    "unknown vendor": (["simulate", "town", "-o", "x", "--raw", "--vendor", "y"], "one of"),
     "bag exists": (["simulate", "mixed", "-o", "yard"], "exists already"),
     "scene option for a bag": (["segment", "yard", "--seed", "1"], "simulated scenes"),
     "out of range": (["segment", "yard", "--set", "graph.neighbours=2"], "from 3 to 64"),

@@ -147,10 +147,12 @@ def leaf_distances(key, density=1.5, count=4000):
     return cast_beams(cast, grid, none).distance[:, 0]
 
 
-def test_mean_depth_in_leaves_is_the_free_path_and_leaves_stay_in_place():
+def test_density_is_the_rate_of_returns_at_the_surface_and_leaves_stay_in_place():
     first, second = leaf_distances(1), leaf_distances(10**6)
     for distance in (first, second):
-        assert np.mean(distance - 2.0) == pytest.approx(1.0 / 1.5, rel=0.12)
+        stopped = np.mean(distance < 2.0 + beams.LEAF)
+        assert stopped == pytest.approx(1.0 - np.exp(-1.5 * beams.LEAF), abs=0.05)
+        assert distance.min() >= 2.0 and 2.6 < np.mean(distance) < 3.5
     cubes = [np.floor(distance / beams.LEAF) for distance in (first, second)]
     shuffled = np.random.default_rng(0).permutation(cubes[1])
     assert np.mean(cubes[0] == cubes[1]) > 1.5 * np.mean(cubes[0] == shuffled)
