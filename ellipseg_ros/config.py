@@ -113,6 +113,23 @@ class Config(Checked):
         0.0,
         3600.0,
     )
+    resolution: float = setting(
+        0.0,
+        "edge of the cells in which one point represents all others; 0: every point is kept",
+        "m",
+        0.0,
+        10.0,
+        live=False,
+    )
+    resolution_range: float = setting(
+        10.0,
+        "range up to which cells have this edge; it doubles with every doubling of the range, up "
+        "to three times",
+        "m",
+        0.1,
+        1e4,
+        live=False,
+    )
     max_points_per_second: int = setting(
         0, "thin denser input to about this rate; 0: no thinning", "1/s", 0, 1_000_000_000
     )

@@ -19,7 +19,8 @@ SECOND = 1_000_000_000  # ns
 # The fate of a point in a window is its entry in `labels`: 0 or more is the row of its segment.
 ISOLATED = -1  # no neighbour within the isolation distance
 REJECTED = -2  # NaN, infinite, or beyond the largest coordinate
-THINNED = -3  # omitted by `max_points_per_second`
+LATE = -3  # older than the window on arrival, or evicted by `max_points`
+THINNED = -4  # omitted by `max_points_per_second`
 
 NEGLIGIBLE_SHARE = 0.2  # of a motion: its description omits a smaller part
 
@@ -298,6 +299,11 @@ class Counts:
     thinned: int
 
 
+def _counts(labels: Array) -> Counts:
+    tally = np.bincount(labels - THINNED, minlength=5)
+    return Counts(int(tally[4:].sum()), int(tally[3]), int(tally[2]), int(tally[0]))
+
+
 @dataclass(frozen=True)
 class Segmentation:
     """A window of points and its segments, numbered by their lowest point.
@@ -337,6 +343,11 @@ class Segmentation:
         int  # points of this update that were removed by range or place in the sensor's frame
     )
     unplaced: int  # points since the last update for which there was no pose
+    hits: Array  # (n,) int64: points that every point of the window represents, itself too
+    means: Array  # (n, 3) float64, m: mean of the first of these, at most 16
+    sweep: Sweep  # the points of this update, m of them
+    sweep_rows: Array  # (m,) int64: row of every point or of its representative in the window, or
+    # REJECTED, LATE
     sequence: int  # number of this update, from 0, not restarted by a reset
     restart: str  # why the window restarted with this update; empty: it did not
     threshold_change: str = ""  # why criterion or threshold changed; empty: they did not
@@ -344,8 +355,24 @@ class Segmentation:
     @property
     def counts(self) -> Counts:
         """Number of points of each fate."""
-        tally = np.bincount(self.labels - THINNED, minlength=4)
-        return Counts(int(tally[3:].sum()), int(tally[2]), int(tally[1]), int(tally[0]))
+        return _counts(self.labels)
+
+    @property
+    def sweep_labels(self) -> Array:
+        """(m,) int32: of every point of this update, as in `labels`; or LATE."""
+        return self._of_sweep(self.labels)
+
+    @property
+    def sweep_objects(self) -> Array:
+        """(m,) int32: row of the object of every point of this update; negative as its label."""
+        if self.objects is None:
+            raise ValueError("objects are not enabled; set objects.enabled")
+        labels = self.sweep_labels
+        return np.where(labels >= 0, np.append(self.objects.segment_labels, 0)[labels], labels)
+
+    def _of_sweep(self, column: Array) -> Array:
+        rows = self.sweep_rows
+        return np.where(rows >= 0, np.append(column, 0)[rows], rows).astype(np.int32)
 
     @property
     def point_ids(self) -> Array:

@@ -8,7 +8,7 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.core.segments import Segments, ellipsoid_records
 from ellipseg_ros.core.window import Arrivals, Window
 from ellipseg_ros.objects.stage import ObjectUpdate
-from ellipseg_ros.records import Landmarks, SegmentAdjacency, Segmentation
+from ellipseg_ros.records import Array, Landmarks, SegmentAdjacency, Segmentation
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,26 @@ def segmentation_record(  # a record of everything
         adjacency=adjacency,
         landmarks=landmarks,
         first_seen_ns=segments.times_ns[:, 0],
-        last_seen_ns=segments.times_ns[:, 1],
+        last_seen_ns=_newest(window.sight_ns, segments),
         start_ns=window.start_ns,
         end_ns=window.end_ns,
         late=arrivals.late,
         evicted=arrivals.evicted,
         filtered=arrivals.filtered,
         unplaced=arrivals.unplaced,
+        hits=window.hits,
+        means=window.means,
+        sweep=window.sweep,
+        sweep_rows=window.sweep_rows,
         sequence=cause.sequence,
         restart=cause.restart,
         threshold_change=cause.threshold_change,
     )
+
+
+def _newest(sight_ns: Array, segments: Segments) -> Array:
+    """(s,) int64: time of the newest point of every segment."""
+    newest, labels = segments.times_ns[:, 1].copy(), segments.labels
+    inside = labels >= 0
+    np.maximum.at(newest, labels[inside], sight_ns[inside])
+    return newest

@@ -26,7 +26,7 @@ def segment(
     origin: (3,) m, subtracted first; None: whole kilometres near the cloud. With the origin of a
     window's segmentation, that segmentation is repeated bit for bit.
     """
-    config = replace(config or Config(), max_points_per_second=0, max_points=0)
+    config = replace(config or Config(), max_points_per_second=0, max_points=0, resolution=0)
     return Segmenter(config, origin).process(Sweep(stamp_ns=0, points=points))
 
 
@@ -63,7 +63,9 @@ class Segmenter:
         old, self._config = self._config, config
         if (config.criterion, config.tau) != (old.criterion, old.tau):
             self._cause = replace(self._cause, threshold_change=reason)
-        if config.graph != old.graph:
+        if (config.resolution, config.resolution_range) != (old.resolution, old.resolution_range):
+            self.reset("the resolution changed")
+        elif config.graph != old.graph:
             self._clear_graph()
 
     def reset(self, reason: str = "requested") -> None:

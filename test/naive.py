@@ -334,3 +334,60 @@ def umeyama(points, targets, weights):
     transform[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     transform[:3, 3] = target - transform[:3, :3] @ centre
     return transform
+
+
+class Representative:
+    """The first point of a cell, and what is known of the others."""
+
+    def __init__(self, serial, point, local, time_ns):
+        self.serial, self.position, self.local = serial, point, local
+        self.sight_ns, self.hits, self.total, self.mean = time_ns, 1, np.zeros(3), local
+
+
+class Representatives:
+    """The representatives of a stream, one point at a time; positions in the world frame."""
+
+    def __init__(self, resolution, base, duration_ns):
+        self.resolution, self.base, self.duration_ns = resolution, base, duration_ns
+        self.cells, self.everyone, self.newest, self.serial = {}, [], None, 0
+
+    def push(self, sweep, origin):
+        """The representative of every point of a sweep, REJECTED (-2) or LATE (-3)."""
+        result = []
+        ranges = np.full(len(sweep), np.nan) if sweep.ranges is None else sweep.ranges
+        for point, time_ns, distance in zip(sweep.points, sweep.times_ns, ranges, strict=True):
+            result.append(self._one(point, int(time_ns), float(distance), origin))
+            self.serial += 1
+        return result
+
+    def _one(self, point, time_ns, distance, origin):
+        if not np.isfinite(point).all():
+            return -2
+        self.newest = time_ns if self.newest is None else max(self.newest, time_ns)
+        if time_ns <= self.newest - self.duration_ns:
+            return -3
+        local = point - origin
+        level = sum(distance > self.base * 2**k for k in range(3))
+        cell = tuple(int(np.floor(x / self.resolution)) >> level for x in local)
+        known = self.cells.get((level, cell))
+        if known is None or known.sight_ns <= self.newest - self.duration_ns:
+            known = Representative(self.serial, point, local, time_ns)
+            self.cells[level, cell] = known
+            self.everyone.append(known)
+            return known
+        known.sight_ns = max(known.sight_ns, time_ns)
+        known.hits += 1
+        if known.hits <= 16:
+            known.total = known.total + (local - known.local)
+        if known.hits in (2, 4, 8, 16):
+            known.mean = known.local + known.total / known.hits
+        return known
+
+    def alive(self):
+        """In the order of founding."""
+        return [r for r in self.everyone if r.sight_ns > self.newest - self.duration_ns]
+
+    def rows(self, representatives):
+        """Rows in `alive` of the representatives that `push` returned."""
+        row = {id(r): k for k, r in enumerate(self.alive())}
+        return [r if isinstance(r, int) else row.get(id(r), -3) for r in representatives]

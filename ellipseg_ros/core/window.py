@@ -6,16 +6,20 @@ import numpy as np
 
 from ellipseg_ros.config import Config
 from ellipseg_ros.core.column import Column
+from ellipseg_ros.core.coordinates import ACCEPTED, check_points, origin_near
 from ellipseg_ros.core.fields import Layout, join_fields, joined_layout, layout_of
-from ellipseg_ros.core.jit import kernel
-from ellipseg_ros.records import REJECTED, SECOND, THINNED, Array, Sweep
+from ellipseg_ros.core.representatives import (
+    LATE_POINT,
+    REJECTED_POINT,
+    Grid,
+    Incoming,
+    Representatives,
+)
+from ellipseg_ros.records import LATE, SECOND, THINNED, Array, Sweep
 
-MAX_COORDINATE_M = 1e8  # beyond is no measurement (the Earth's radius is 6.4e6 m)
 MAX_WINDOW_BYTES = 2**30  # of the fields of a window: 2 million points of 512 bytes
-ACCEPTED = 0  # fate of a point that is neither REJECTED nor THINNED
 # 2^64 / golden ratio: its multiples are spread evenly (Weyl sequence).
 GOLDEN_RATIO_STEP = np.uint64(0x9E3779B97F4A7C15)
-ORIGIN_SAMPLE = 1000  # points whose median gives the origin
 
 
 def max_window_points(max_points: int, layout: Layout) -> int:
@@ -46,8 +50,21 @@ class Arrivals(NamedTuple):
     unplaced: int = 0
 
 
+class Selection(NamedTuple):
+    """Which rows leave the window, and which points of a sweep enter it."""
+
+    expires: Array  # (n,) bool
+    stays: Array  # (m,) bool
+    late: int
+    evicted: int
+    slot_of: Array | None = None  # (m,) int32, of Representatives; None: every point is kept
+
+
 class Window:
-    """A sliding window in sensor time."""
+    """A sliding window in sensor time, of all points or of representatives.
+
+    Representatives expire when no point was seen in their cell for the duration of the window.
+    """
 
     def __init__(self, origin: Array | None = None) -> None:
         self._columns = WindowPoints(
@@ -57,6 +74,10 @@ class Window:
             Column(np.zeros(0, np.int8)),
         )
         self._fields: Column | None = None
+        self._cells: Representatives | None = None  # None: every point is kept
+        self._slots = Column(np.zeros(0, np.int32))  # (n,) of the representatives
+        self.sweep = Sweep(0, np.zeros((0, 3)))  # the last one
+        self.sweep_rows = np.zeros(0, np.int64)
         self.frame_id = ""
         self.start_ns = 0
         self.end_ns = 0
@@ -85,43 +106,110 @@ class Window:
         """(3,) m, subtracted from local coordinates; whole kilometres unless given."""
         return np.zeros(3) if self._origin is None else self._origin.copy()
 
+    @property
+    def hits(self) -> Array:
+        """(n,) int64: points in the cell of every representative since it was founded."""
+        if self._cells is None:
+            return np.ones(len(self.points.arrival), np.int64)
+        return np.asarray(self._cells.slots["hits"][self._slots.values])
+
+    @property
+    def means(self) -> Array:
+        """(n, 3) float64, m, world frame: of the first points in the cell, at most 16."""
+        if self._cells is None:
+            return self.points.position
+        return np.asarray(self._cells.slots["mean"][self._slots.values] + self.origin)
+
+    @property
+    def sight_ns(self) -> Array:
+        """(n,) int64: time of the newest point in the cell of every representative."""
+        if self._cells is None:
+            return self.points.times_ns
+        return np.asarray(self._cells.slots["sight_ns"][self._slots.values])
+
     def push(self, sweep: Sweep, config: Config) -> Arrivals:
-        """Advance to the newest point of `sweep`; the end of the window never moves back."""
-        times = sweep.times_ns
+        """Advance to the newest point of `sweep`; the end of the window never moves back.
+
+        `sweep_rows` (m,) int64 then holds the row of every point of the sweep, or that of its
+        representative; or else REJECTED or LATE.
+        """
+        self.sweep = sweep
         new = WindowPoints(
             sweep.points,
-            times,
-            np.arange(self._arrived, self._arrived + len(times)),
-            self._fates(sweep, self._budget(times, config)),
+            sweep.times_ns,
+            np.arange(self._arrived, self._arrived + len(sweep)),
+            self._fates(sweep, self._budget(sweep.times_ns, config)),
         )
-        accepted = new.fate == ACCEPTED
-        if self._origin is None:
-            self._origin = _origin(sweep.points[accepted])
-        ends = [int(times.max())] if len(times) else []
-        self.end_ns = max([*ends, self.end_ns] if self.started else ends, default=sweep.stamp_ns)
-        self.start_ns = self.end_ns - round(config.window_duration * SECOND)
-
-        old = self.points
-        expires = old.times_ns <= self.start_ns
-        late = times <= self.start_ns  # possible, within max_lateness of a short window
-        late_count = int(late.sum())
-        evicted = self._evict(expires, times, late, self._limit(sweep.fields, config))
-        stays = ~late
+        old, accepted = self.points, new.fate == ACCEPTED
+        select_rows = self._select_cells if config.resolution > 0.0 else self._select_points
+        chosen = select_rows(new, sweep, config)
         arrivals = Arrivals(
-            points=select(new.position, accepted & stays) - self.origin,
-            serial=select(new.arrival, accepted & stays),
-            expired=old.arrival[expires & (old.fate == ACCEPTED)],
-            late=late_count,
-            evicted=evicted,
+            points=select(new.position, accepted & chosen.stays) - self.origin,
+            serial=select(new.arrival, accepted & chosen.stays),
+            expired=old.arrival[chosen.expires & (old.fate == ACCEPTED)],
+            late=chosen.late,
+            evicted=chosen.evicted,
             filtered=sweep.filtered,
             unplaced=sweep.unplaced,
         )
-        self._arrived += len(times)
-        self._replace_rows(expires, new, sweep.fields, stays)
+        self._arrived += len(sweep)
+        self._replace_rows(chosen.expires, new, sweep.fields, chosen.stays)
+        self.sweep_rows = self._rows_of(chosen, new.fate)
         if len(sweep) or not self.started:
             self.frame_id = sweep.frame_id
         self.started = True
         return arrivals
+
+    def _select_points(self, new: WindowPoints, sweep: Sweep, config: Config) -> Selection:
+        """Every point stays until its own time has passed."""
+        times = new.times_ns
+        if self._origin is None:
+            self._origin = origin_near(new.position[new.fate == ACCEPTED])
+        ends = [int(times.max())] if len(times) else []
+        self.end_ns = max([*ends, self.end_ns] if self.started else ends, default=sweep.stamp_ns)
+        self.start_ns = self.end_ns - round(config.window_duration * SECOND)
+        expires = self.points.times_ns <= self.start_ns
+        late = times <= self.start_ns  # possible, within max_lateness of a short window
+        late_count = int(late.sum())
+        evicted = self._evict(expires, times, late, self._limit(sweep.fields, config))
+        return Selection(expires, ~late, late_count, evicted)
+
+    def _select_cells(self, new: WindowPoints, sweep: Sweep, config: Config) -> Selection:
+        """The first point of each cell stays until none has been seen there for the duration."""
+        accepted = new.fate == ACCEPTED
+        if self._origin is None:  # that of the first point: it must not depend on the others
+            self._origin = origin_near(new.position[accepted][:1])
+        if self._cells is None:
+            self._cells = Representatives(Grid(config.resolution, config.resolution_range))
+        cells, duration_ns = self._cells, round(config.window_duration * SECOND)
+        ranges = np.full(len(sweep), np.nan) if sweep.ranges is None else sweep.ranges
+        incoming = Incoming(new.position - self.origin, new.times_ns, ranges, accepted)
+        slot_of = cells.assign(incoming, duration_ns, self._arrived)
+        self.end_ns = sweep.stamp_ns if cells.newest_ns is None else cells.newest_ns
+        self.start_ns = self.end_ns - duration_ns
+        founded = (slot_of >= 0) & (cells.slots["serial"][slot_of] == new.arrival)
+        candidates = np.concatenate([self._slots.values, slot_of[founded]])
+        evicted = cells.evict(candidates, self.start_ns, self._limit(sweep.fields, config))
+        alive = cells.slots["sight_ns"] > self.start_ns
+        late = int(np.count_nonzero(slot_of == LATE_POINT))
+        expires, stays = ~alive[self._slots.values], founded & alive[slot_of]
+        return Selection(expires, stays, late, evicted, slot_of)
+
+    def _rows_of(self, chosen: Selection, fate: Array) -> Array:
+        """(m,) rows in the window of the points of a sweep with these fates, or REJECTED, LATE."""
+        cells, slot_of = self._cells, chosen.slot_of
+        if cells is None or slot_of is None:
+            first = len(self.points.arrival) - int(chosen.stays.sum())
+            return np.where(chosen.stays, first + np.cumsum(chosen.stays) - 1, LATE)
+        self._slots.drop(chosen.expires)
+        self._slots.append(slot_of[chosen.stays])
+        row_of = np.full(len(cells.slots) + 1, LATE, np.int64)
+        row_of[self._slots.values] = np.arange(len(self._slots.values))
+        rows = np.where(slot_of == REJECTED_POINT, fate, row_of[np.maximum(slot_of, -1)])
+        compacted = cells.compact(self._slots.values)
+        if compacted is not None:
+            self._slots = Column(compacted)
+        return rows
 
     def as_arrivals(self, last: Arrivals) -> Arrivals:
         """All accepted points as new ones, for a new graph; the counts are those of `last`."""
@@ -176,7 +264,7 @@ class Window:
     def _fates(self, sweep: Sweep, budget: float) -> Array:
         """(n,) int8: REJECTED where not finite; about `budget` others, evenly spread, ACCEPTED."""
         fates = np.empty(len(sweep), np.int8)
-        count = _check(sweep.points, fates)
+        count = check_points(sweep.points, fates)
         if count > budget:
             serial = np.arange(self._finite, self._finite + count, dtype=np.uint64)
             share = (serial * GOLDEN_RATIO_STEP) >> np.uint64(32)
@@ -203,25 +291,3 @@ class Window:
 def select(rows: Array, mask: Array) -> Array:
     """The rows where `mask` (n,) bool; without a copy where that is all of them."""
     return rows if mask.all() else rows[mask]
-
-
-@kernel
-def _check(points, fates):
-    """Reject points that are not finite, or too far to be real; returns how many are left."""
-    count = 0
-    for i in range(len(points)):
-        good = True
-        for axis in range(3):
-            good = good and abs(points[i, axis]) <= MAX_COORDINATE_M  # NaN is not
-        fates[i] = ACCEPTED if good else REJECTED
-        count += good
-    return count
-
-
-def _origin(points: Array) -> Array | None:
-    """Median of a sample, in whole kilometres: subtracting it is exact; zero near zero."""
-    if not len(points):
-        return None
-    sample = points[:: len(points) // ORIGIN_SAMPLE + 1]
-    kilometres: Array = np.floor(np.median(sample, axis=0) / 1000.0 + 0.5)
-    return kilometres * 1000.0
