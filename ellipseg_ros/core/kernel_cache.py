@@ -22,7 +22,15 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataC
 from numba.core.dispatcher import Dispatcher
 
 # Their kernels call one another, and take the records.
-KERNEL_SOURCES = ("core", "objects", "landmarks", "association", "simulation", "records.py")
+KERNEL_SOURCES = (
+    "core",
+    "objects",
+    "landmarks",
+    "association",
+    "poses",
+    "simulation",
+    "records.py",
+)
 DIGEST = hashlib.sha256
 VERSION = f"{numba.__version__}/1".encode()  # of numba, and of this format
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ellipseg_ros.config import Config
-from ellipseg_ros.core.window import MAX_COORDINATE_M
+from ellipseg_ros.core.coordinates import MAX_COORDINATE_M
 from ellipseg_ros.io.bag import node_types
 from ellipseg_ros.io.messages import MarkerStream, write_landmarks, write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
