@@ -159,7 +159,9 @@ def _verify(
     """Segment the source offline, and compare every update with that of the node."""
     report.print_status("verifying: segmenting the same clouds offline ...", args)
     warm_up()
-    verification, meter = Verification(live.updates, settings.node), report.Meter()
+    all_kept = settings.config.resolution == 0.0
+    verification = Verification(live.updates, settings.node, all_kept)
+    meter = report.Meter()
     recorded = recorded_updates(folder / results.BAG)
     with report.progress_bar(live.updates, "updates", args) as bar:
         offline = run_updates(source, settings.config, meter)
