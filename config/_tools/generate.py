@@ -15,7 +15,7 @@ from ellipseg_ros.config import (
     NodeConfig,
     PlacementConfig,
 )
-from ellipseg_ros.io.topics import NODES, SERVICES, TOPICS
+from ellipseg_ros.io.topics import NODES, OPTIONAL_TOPICS, SERVICES, TOPICS
 from ellipseg_ros.settings import Checked, Setting, iterate_settings
 
 FOLDER = Path(__file__).resolve().parents[1]
@@ -112,7 +112,7 @@ def node_rights(node: str) -> Rights:
             [*STANDARD_TOPICS, *(topic.name for topic in TOPICS if node in topic.publishers)]
         ),
         ("topic", "subscribe"): sorted(
-            topic.name for topic in TOPICS if node in topic.subscribers
+            topic.name for topic in (*TOPICS, *OPTIONAL_TOPICS) if node in topic.subscribers
         ),
         ("service", "reply"): services(node),
     }
@@ -125,7 +125,7 @@ def services(node: str) -> list[str]:
 
 def operator_rights() -> Rights:
     """Subscriptions to all topics and calls of all services."""
-    topics = {f"/{topic.name.lstrip('/')}" for topic in TOPICS}
+    topics = {f"/{topic.name.lstrip('/')}" for topic in (*TOPICS, *OPTIONAL_TOPICS)}
     calls = [name.replace("~", f"/{node}") for node in NODES for name in services(node)]
     return {
         ("topic", "publish"): list(STANDARD_TOPICS),
