@@ -54,6 +54,7 @@ PEERS = [
     "small_gicp",
 ]
 DASK = ["distributed"]  # `ellipseg tune --scheduler`
+ODOMETRY = ["kiss-icp"]  # `--odometry kiss-icp` of the command line
 
 
 class BinaryDistribution(Distribution):
@@ -143,7 +144,7 @@ class BuildMessages(build_ext):
 setup(
     name=NAME,
     version=MANIFEST.findtext("version"),
-    description="Online segmentation of registered lidar streams into ellipsoids, for ROS 2.",
+    description="Online segmentation of lidar streams into ellipsoids, for ROS 2.",
     maintainer="ellipseg_ros maintainers",
     maintainer_email="maintainers@ellipseg.example.com",
     license="Apache-2.0",
@@ -184,6 +185,7 @@ setup(
         "page": PLOTS,  # pages of docs/results, written by the studies
         "peers": PEERS,
         "dask": DASK,
+        "odometry": ODOMETRY,
         "slam": ["gtsam"],  # examples/close_loop.py
         "docs": ["furo", "myst-parser", "sphinx"],  # `make docs`
         # Tests and the demo; they run colcon, so they also need the build requirements of
@@ -193,6 +195,7 @@ setup(
             *FILES,
             *PLOTS,
             *DASK,
+            *ODOMETRY,
             "codespell",
             "colcon-common-extensions",
             "coverage",

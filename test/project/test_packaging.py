@@ -23,16 +23,21 @@ TESTS = python_files("test")
 MESSAGES = sorted((ROOT / "msg").glob("*.msg"))
 
 # PyPI names that differ from the imported name.
-ON_PYPI = {"PIL": "pillow", "markdown_it": "markdown-it-py", "yaml": "PyYAML"}
+ON_PYPI = {
+    "PIL": "pillow",
+    "kiss_icp": "kiss-icp",
+    "markdown_it": "markdown-it-py",
+    "yaml": "PyYAML",
+}
 # rosdep keys that are not python3-<imported name>. All keys were found in rosdep's python.yaml.
 IN_ROSDEP = {
     "PIL": "python3-pil",
     "rosbags": "python3-rosbags-pip",
     "trimesh": "python3-trimesh-pip",
 }
-EXTRAS = {"files", "plots", "page", "peers", "dask", "slam", "docs", "test"}
+EXTRAS = {"files", "plots", "page", "peers", "dask", "odometry", "slam", "docs", "test"}
 # Imported only by commands and formats that need an extra.
-OPTIONAL = {"PIL", "distributed", "laspy", "matplotlib", "pypcd4", "trimesh"}
+OPTIONAL = {"PIL", "distributed", "kiss_icp", "laspy", "matplotlib", "pypcd4", "trimesh"}
 # Needed by the generated code of the messages, without an import of ours.
 WITHOUT_IMPORT = {"ros-jazzy-rosidl-default-runtime"}
 
@@ -162,7 +167,8 @@ def test_pip_installs_what_the_package_imports_and_no_more(description):
 def test_the_extras_install_the_optional_imports(description):
     extras = description["extras_require"]
     assert set(extras) == EXTRAS
-    offered = names_of([*extras["files"], *extras["plots"], *extras["dask"]])
+    used = ("files", "plots", "dask", "odometry")
+    offered = names_of([line for extra in used for line in extras[extra]])
     assert {on_pypi(name) for name in OPTIONAL} == offered
     assert offered <= names_of(extras["test"])  # `make setup` suffices for tests and demo
 

@@ -8,7 +8,10 @@ import ellipseg_ros
 from ellipseg_ros import Config, Segmenter, segment
 
 # Packages of the extras in setup.py that the package can import.
-EXTRAS = {"PIL", "distributed", "laspy", "matplotlib", "pypcd4", "scipy", "small_gicp", "trimesh"}
+EXTRAS = {
+    *("PIL", "distributed", "kiss_icp", "laspy", "matplotlib", "pypcd4"),
+    *("small_gicp", "trimesh"),
+}
 
 
 def test_every_public_name_resolves() -> None:
