@@ -28,8 +28,8 @@ from ellipseg_ros.io.livox import CUSTOM_CLOUDS, read_custom_cloud
 from ellipseg_ros.io.pointcloud2 import read_sweep, write_sweep
 from ellipseg_ros.io.pose_messages import (
     POSE_TYPES,
-    read_odometry,
-    read_transforms,
+    TRANSFORM_TYPES,
+    read_poses,
     write_odometry,
     write_transform,
 )
@@ -40,11 +40,10 @@ from ellipseg_ros.io.topics import (
     POINTS,
     SEGMENTS,
     TF,
-    TF_MESSAGE,
     TF_STATIC,
 )
 from ellipseg_ros.io.update_messages import UpdateMessages
-from ellipseg_ros.poses.placer import Event, RefusedPose, TransformSample
+from ellipseg_ros.poses.placer import Event, TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import Segmentation, Sweep
 
@@ -64,6 +63,9 @@ class BagSweeps:
 
     def __init__(self, path: Path, topic: str = "") -> None:
         self.path = _storage(path)
+        self._is_ros1 = self.path.suffix == ".bag"
+        # Of this bag alone, as types of one name may differ between bags.
+        self._types = get_typestore(Stores.ROS1_NOETIC if self._is_ros1 else Stores.ROS2_JAZZY)
         with _opened(self.path) as reader:
             self.topic = _choose(path, reader.connections, topic)
             self.count = sum(c.msgcount for c in reader.connections if c.topic == self.topic)
@@ -84,7 +86,7 @@ class BagSweeps:
             for connection, _, raw in reader.messages(chosen):
                 msg = self._decode(connection, raw)
                 if connection.topic != self.topic:
-                    yield from _pose_events(connection, msg)
+                    yield from read_poses(msg, connection.topic, connection.msgtype)
                     continue
                 read = read_sweep if connection.msgtype == CLOUD else read_custom_cloud
                 try:
@@ -99,44 +101,35 @@ class BagSweeps:
         with _opened(self.path) as reader:
             found = {c.topic: c for c in reader.connections if c.msgtype in POSE_TYPES}
             topics = {topic: self._first_pose(reader, found[topic]) for topic in sorted(found)}
-            if any(c.topic == TF.name and c.msgcount for c in reader.connections):
+            transforms = [c for c in reader.connections if c.msgtype in TRANSFORM_TYPES]
+            if any(c.topic == TF.name and c.msgcount for c in transforms):
                 topics[TF.name] = None
         return {topic: pose for topic, pose in topics.items() if pose or topic == TF.name}
 
     def _first_pose(self, reader: Reader1 | Reader2, topic: Connection) -> PoseSample | None:
         for connection, _, raw in reader.messages([topic]):
-            events = _pose_events(connection, self._decode(connection, raw))
-            if isinstance(events[0], PoseSample):
-                return events[0]
+            (event,) = read_poses(self._decode(connection, raw), topic.topic, topic.msgtype)
+            if isinstance(event, PoseSample):
+                return event
         return None
 
     def _decode(self, connection: Connection, raw: bytes) -> Any:
-        if self.path.suffix == ".bag":
-            return _types(Stores.ROS1_NOETIC, connection).deserialize_ros1(raw, connection.msgtype)
-        return _types(Stores.ROS2_JAZZY, connection).deserialize_cdr(raw, connection.msgtype)
+        if connection.msgtype not in self._types.types:
+            _register(connection, self._types)
+        if self._is_ros1:
+            return self._types.deserialize_ros1(raw, connection.msgtype)
+        return self._types.deserialize_cdr(raw, connection.msgtype)
 
 
-def _pose_events(connection: Connection, msg: Any) -> list[Event]:
-    try:
-        if connection.msgtype == TF_MESSAGE:
-            return [*read_transforms(msg, connection.topic == TF_STATIC.name)]
-        return [read_odometry(msg)]
-    except InputError as error:
-        return [RefusedPose(error.reason, f"{connection.topic}: {error}")]
-
-
-def _types(store: Stores, connection: Connection) -> Typestore:
-    """The types of a distribution, with that of the connection from the bag's own definition."""
-    types = _store(store)
-    if connection.msgtype not in types.types:
-        definition = connection.msgdef.data
-        if connection.msgtype == TF_MESSAGE:
-            definition = "geometry_msgs/TransformStamped[] transforms"
-        if not definition:
-            problem = f"the bag lacks the definition of {connection.msgtype}"
-            raise InputError(f"{problem}; record it as mcap, which holds it", "no_definition")
-        types.register(get_types_from_msg(definition, connection.msgtype))
-    return types
+def _register(connection: Connection, types: Typestore) -> None:
+    """Add the type of a connection to the types, from the bag's own definition."""
+    definition = connection.msgdef.data
+    if connection.msgtype in TRANSFORM_TYPES:
+        definition = "geometry_msgs/TransformStamped[] transforms"
+    if not definition:
+        problem = f"the bag lacks the definition of {connection.msgtype}"
+        raise InputError(f"{problem}; record it as mcap, which holds it", "no_definition")
+    types.register(get_types_from_msg(definition, connection.msgtype))
 
 
 def read_messages(path: Path, topic: str) -> Iterator[tuple[bytes, Any]]:
@@ -274,9 +267,6 @@ class BagSink:
 
 
 # --- types -----------------------------------------------------------------------------------
-
-
-_store = cache(get_typestore)
 
 
 @cache

@@ -6,8 +6,8 @@ import numpy as np
 
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.io.limits import SHOWN_LENGTH, check_name, read_stamp
-from ellipseg_ros.io.topics import ODOMETRY, TF_MESSAGE
-from ellipseg_ros.poses.placer import RefusedPose, TransformSample
+from ellipseg_ros.io.topics import ODOMETRY, TF_MESSAGE, TF_STATIC
+from ellipseg_ros.poses.placer import Event, RefusedPose, TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.poses.transforms import Transform, transform
 from ellipseg_ros.records import SECOND
@@ -17,6 +17,17 @@ POSE_TYPES = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
 )
+TRANSFORM_TYPES = (TF_MESSAGE, "tf/msg/tfMessage")  # of tf2, and the same of tf in ROS 1
+
+
+def read_poses(msg: Any, topic: str, kind: str) -> list[Event]:
+    """The pose or the transforms of a message of one of the POSE_TYPES or TRANSFORM_TYPES."""
+    if kind in TRANSFORM_TYPES:
+        return [*read_transforms(msg, topic == TF_STATIC.name)]
+    try:
+        return [read_odometry(msg)]
+    except InputError as error:
+        return [RefusedPose(error.reason, f"{topic}: {error}")]
 
 
 def read_odometry(msg: Any) -> PoseSample:
