@@ -8,6 +8,7 @@ from ellipseg_ros.config import Config
 from ellipseg_ros.doctor.findings import Finding, error, ok, warn
 from ellipseg_ros.doctor.snapshot import CloudInfo, GraphSnapshot
 from ellipseg_ros.io.frames import looks_like_a_sensor
+from ellipseg_ros.io.topics import TF
 from ellipseg_ros.records import SECOND
 
 GAP_RATIO = 3.0  # longest interval between clouds, in median intervals
@@ -28,7 +29,7 @@ def check_clouds(graph: GraphSnapshot, receive_buffer: int | None = None) -> Ite
     yield from _stamps(clouds, graph.parameter("max_lateness", Config().max_lateness))
     if not graph.has_clock and clouds[-1].stamp_ns:
         yield _age(median(cloud.age for cloud in clouds))
-    yield from _frames(clouds)
+    yield from _frames(graph)
     if rate := _points_per_second(clouds):
         limited = _thinned(rate, graph)
         thinned = f", thinned to {limited:,.0f} (max_points_per_second)" if limited < rate else ""
@@ -64,9 +65,9 @@ def _contents(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
         yield (warn if good else error)(text, remedy)
     if not good:
         return
-    times = "with" if good[-1].timed else "without"
+    times = good[-1].times or "none"
     optional = "" if "intensity" in good[-1].fields else "; no intensity, which is optional"
-    yield ok(f"fields {', '.join(good[-1].fields)}; {times} times of points{optional}")
+    yield ok(f"fields {', '.join(good[-1].fields)}; times of points: {times}{optional}")
     points = sum(cloud.points for cloud in good)
     missing = points - sum(cloud.finite for cloud in good)
     if missing == points:
@@ -128,19 +129,33 @@ def _age(age: float) -> Finding:
     )
 
 
-def _frames(clouds: Sequence[CloudInfo]) -> Iterator[Finding]:
-    frames = list(dict.fromkeys(cloud.frame_id for cloud in clouds))
+def _frames(graph: GraphSnapshot) -> Iterator[Finding]:
+    frames = list(dict.fromkeys(cloud.frame_id for cloud in graph.clouds))
+    placing = [segmenter.node for segmenter in graph.segmenters if segmenter.places_clouds]
+    poses = f"poses on {', '.join(graph.pose_topics) or 'no topic'}"
     if len(frames) > 1:
         text = f"the frame changes: {', '.join(frames)}; every change restarts the window"
         yield error(text, "publish the clouds of a topic in one frame")
     for frame in frames:
         if not frame:
             yield warn("header.frame_id is empty, so RViz shows nothing", "set it to odom")
+        elif looks_like_a_sensor(frame) and placing:
+            yield ok(f"frame {frame}, placed by the poses that {placing[0]} takes; {poses}")
         elif looks_like_a_sensor(frame):
             text = f"frame {frame} is probably that of a sensor: a moving sensor smears the window"
-            yield warn(text, "give the node registered clouds, in odom: docs/guide/sensors.md")
+            yield warn(f"{text}; {poses}", _pose_remedy(graph.pose_topics))
         else:
             yield ok(f"frame {frame}")
+
+
+def _pose_remedy(topics: Sequence[str]) -> str:
+    """How the segmenter gets the poses that the topics of a graph offer."""
+    ways = [
+        "-p fixed_frame:=odom" if topic == TF.name else f"-r odometry:={topic}" for topic in topics
+    ]
+    if not ways:
+        return "start a lidar odometry, or publish registered clouds: docs/guide/sensors.md"
+    return f"start the segmenter with {' or '.join(f'`{way}`' for way in ways)}"
 
 
 def _points_per_second(clouds: Sequence[CloudInfo]) -> float:

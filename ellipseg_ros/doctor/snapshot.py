@@ -36,6 +36,11 @@ class SegmenterInfo:
     values: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)  # empty: no response
 
+    @property
+    def places_clouds(self) -> bool:
+        """Whether it places clouds in a sensor's frame by poses."""
+        return self.values.get("pose source", "registered") != "registered"
+
 
 @dataclass(frozen=True)
 class CloudInfo:
@@ -49,7 +54,7 @@ class CloudInfo:
     finite: int  # points without NaN and Inf
     size: int  # bytes of data
     fields: tuple[str, ...]
-    timed: bool = False  # points have times of their own
+    times: str = ""  # how the times of the points are read; empty: they have none
     problem: str = ""  # why it can't be used, in one line
 
 
@@ -65,6 +70,7 @@ class GraphSnapshot:
     nodes: tuple[str, ...] = ()  # full names, with duplicates; without the observer
     has_clock: bool = False  # /clock has a publisher
     namespace: str = "/"
+    pose_topics: tuple[str, ...] = ()  # with a publisher: odometries, and /tf
 
     def parameter(self, name: str, default: float) -> float:
         """A parameter of the first segmenter that reports it, or `default`."""

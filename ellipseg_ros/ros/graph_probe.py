@@ -21,12 +21,14 @@ from ellipseg_ros.errors import EllipsegError, InputError
 from ellipseg_ros.io import topics
 from ellipseg_ros.io.limits import nanoseconds
 from ellipseg_ros.io.pointcloud2 import read_sweep
-from ellipseg_ros.records import SECOND
+from ellipseg_ros.poses.point_times import point_times
+from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.ros.auxiliary_node import AuxiliaryNode
 from ellipseg_ros.ros.input import matching_reliability
 from ellipseg_ros.ros.topics import create_subscription
 
 OUTPUT_TYPES = {topic.type for topic in (*topics.UPDATE_TOPICS, topics.TUNING_CURVE)}
+POSES = {topics.ODOMETRY.type, topics.TF_MESSAGE}  # types of topics with poses
 PARAMETERS = ("use_sim_time", "max_points_per_second", "max_lateness", "update_period")
 DISCOVERY_TIMEOUT_S = 5.0
 SETTLING_TIME_S = 0.5  # for the discovery of nodes that run already
@@ -87,11 +89,11 @@ class GraphProbe(AuxiliaryNode):
     def _on_cloud(self, msg: PointCloud2) -> None:
         arrival, now_ns = time.monotonic(), time.time_ns()
         stamp_ns = nanoseconds(msg.header.stamp)
-        finite, timed, problem = 0, False, ""
+        finite, times, problem = 0, "", ""
         try:
             sweep = read_sweep(msg)
             finite = int(np.isfinite(sweep.points).all(axis=1).sum())
-            timed = bool(np.any(sweep.offsets_ns))
+            times = _times(sweep)
         except InputError as error:
             problem = str(error)
         self._clouds.append(
@@ -104,7 +106,7 @@ class GraphProbe(AuxiliaryNode):
                 finite=finite,
                 size=len(msg.data),
                 fields=tuple(field.name for field in msg.fields),
-                timed=timed,
+                times=times,
                 problem=problem,
             )
         )
@@ -136,6 +138,7 @@ class GraphProbe(AuxiliaryNode):
             seconds=seconds,
             clouds=tuple(self._clouds),
             other_cloud_topics=tuple(name for name in clouds if name != self._topic),
+            pose_topics=tuple(topic.name for topic in found if _nodes(topic.publishers, POSES)),
             segmenters=tuple(segmenters),
             nodes=tuple(self._other_nodes()),
             has_clock=bool(_named(topics.CLOCK.name, found).publishers),
@@ -188,6 +191,16 @@ class GraphProbe(AuxiliaryNode):
 
     def _others(self, ends: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
         return [info for info in ends if info.node_name != self._name]
+
+
+def _times(sweep: Sweep) -> str:
+    """How the times of points are read, or why they can't be; empty: there are none."""
+    if sweep.fields is None:
+        return ""
+    try:
+        return point_times(sweep.fields, sweep.stamp_ns).meaning
+    except InputError as error:
+        return f"not readable, {error}"
 
 
 def _named(name: str, found: list[Topic]) -> Topic:

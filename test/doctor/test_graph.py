@@ -65,6 +65,9 @@ def stream(**changes: object) -> dict[str, object]:
     return {"clouds": tuple(replace(c, **changes) for c in STREAM)}  # type: ignore[arg-type]  # any field
 
 
+RAW = "start the segmenter with `-r odometry:=/kiss/odometry`"
+
+
 def segmenter(**changes: object) -> dict[str, object]:
     """The correct segmenter with changes."""
     return {"segmenters": (replace(SEGMENTER, **changes),)}  # type: ignore[arg-type]  # any field
@@ -84,6 +87,9 @@ def segmenter(**changes: object) -> dict[str, object]:
         (stream(age=7200.0) | {"has_clock": True}, OK, ""),
         (stream(age=-1.5), WARN, "1.5 s ahead"),
         (stream(frame_id="velodyne"), WARN, "velodyne"),
+        (stream(frame_id="velodyne"), WARN, "start a lidar odometry"),
+        (stream(frame_id="velodyne") | {"pose_topics": ("/kiss/odometry",)}, WARN, RAW),
+        (stream(frame_id="velodyne") | segmenter(values={"pose source": "odometry"}), OK, ""),
         (stream(frame_id=""), WARN, "frame_id is empty"),
         ({"clouds": (*STREAM[:9], cloud(9, frame_id="map"))}, ERROR, "the frame changes"),
         (stream(finite=300), WARN, "70% of the points"),
