@@ -1,5 +1,6 @@
 """Poses of one frame in another, in time: accepted samples, jumps, and stretches of them."""
 
+from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
 import numpy as np
@@ -126,15 +127,26 @@ class PoseSeries:
 
     def _run(self, poses: Array, time_ns: int, pose: Transform) -> int:
         """Number of jumps up to the new pose."""
-        if len(poses) < 2 or not self._jump_m or poses["run"][-1] != poses["run"][-2]:
+        first = _velocity_start(poses, time_ns) if len(poses) else 0
+        if not self._jump_m or first >= len(poses) - 1:
             return self.jumps
-        moved, turned, slack = _deviation(poses[-2:], time_ns, pose)
-        if moved > self._jump_m + MAX_ACCELERATION * slack or (
-            turned > JUMP_ANGLE + MAX_ANGULAR_ACCELERATION * slack
+        found = _deviation(poses[[first, -1]], time_ns, pose)
+        if found.moved > found.scale * self._jump_m + MAX_ACCELERATION * found.slack or (
+            found.turned > found.scale * JUMP_ANGLE + MAX_ANGULAR_ACCELERATION * found.slack
         ):
             self.jumps += 1
-            self.jump = f"the poses jumped by {moved:.2f} m and {np.degrees(turned):.1f} deg"
+            angle = np.degrees(found.turned)
+            self.jump = f"the poses jumped by {found.moved:.2f} m and {angle:.1f} deg"
         return self.jumps
+
+
+class _Deviation(NamedTuple):
+    """Deviation of a pose from a motion of constant velocity."""
+
+    moved: float  # m
+    turned: float  # rad
+    slack: float  # s^2, the deviation per acceleration
+    scale: float  # by which errors of the poses before are multiplied, at least 1
 
 
 def other_clock(seconds: float) -> str:
@@ -144,11 +156,20 @@ def other_clock(seconds: float) -> str:
     return ": of another clock? Clouds and poses must be stamped by one"
 
 
-def _deviation(last: Array, time_ns: int, pose: Transform) -> tuple[float, float, float]:
-    """Deviation from constant velocity (m, rad), and s^2 that an acceleration is multiplied by.
+def _velocity_start(poses: Array, time_ns: int) -> int:
+    """Row of the pose of the last one's run from which the velocity up to the last one is taken.
 
-    last (2,) of POSE: the poses before.
+    The latest that is at least as long before the last one as time_ns is after it, so that errors
+    of the poses are not multiplied; the first of the run, if there is no such pose.
     """
+    times, runs = poses["time_ns"], poses["run"]
+    newest = int(times[-1])
+    first = bisect_left(runs, runs[-1])
+    return max(first, bisect_right(times, newest - (time_ns - newest), first) - 1)
+
+
+def _deviation(last: Array, time_ns: int, pose: Transform) -> _Deviation:
+    """Deviation of a pose from the velocity between two poses before, last (2,) of POSE."""
     before = (int(last["time_ns"][1]) - int(last["time_ns"][0])) / SECOND
     after = (time_ns - int(last["time_ns"][1])) / SECOND
     share = after / before
@@ -159,4 +180,5 @@ def _deviation(last: Array, time_ns: int, pose: Transform) -> tuple[float, float
     expected = turns[1] * Rotation.from_rotvec(step)
     turned = (expected.inv() * Rotation.from_quat(pose.rotation)).magnitude()
     moved = np.linalg.norm(pose.position - predicted)
-    return float(moved), float(turned), 0.5 * after * (after + before)
+    slack = 0.5 * after * (after + before)
+    return _Deviation(float(moved), float(turned), slack, max(1.0, share))

@@ -96,6 +96,45 @@ def test_jump_divides_the_poses_into_runs(rate, metres, degrees, text):
     assert set(found.stretch(0, round(times[half] * NS), end)["run"]) == {1}
 
 
+def noisy_drive(rng, rate=200.0, twins=0.3):
+    """Times, and positions x with 1 cm of noise; many poses have a twin 0.1 ms later."""
+    times = np.arange(0.0, 2.0, 1.0 / rate)
+    times = np.sort(np.concatenate([times, times[rng.random(len(times)) < twins] + 1e-4]))
+    return times, 12.0 * times + rng.normal(scale=0.01, size=len(times))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_noise_of_poses_with_nearly_equal_stamps_is_no_jump(seed):
+    rng = np.random.default_rng(seed)
+    times, x = noisy_drive(rng)
+    if seed % 2:  # the first velocity would be that between twins
+        times[1] = times[0] + 1e-4
+    yaws = rng.normal(scale=np.radians(0.2), size=len(times))
+    found = series(times, [at(*pose) for pose in zip(x, yaws, strict=True)])
+    assert found.jumps == 0 and not found.jump
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("between_twins", [False, True])
+def test_jump_is_found_among_noise_and_nearly_equal_stamps(seed, between_twins):
+    rng = np.random.default_rng(seed)
+    times, x = noisy_drive(rng)
+    steps = np.diff(times) < 1e-3
+    row = int(rng.choice(np.flatnonzero(steps == between_twins)[20:-20])) + 1
+    x[row:] += 1.5
+    found = series(times, [at(value) for value in x])
+    assert found.jumps == 1
+    runs = found.poses["run"]
+    assert not runs[:row].any() and (runs[row:] == 1).all()
+
+
+def test_velocity_is_taken_within_one_run():
+    """Right after a jump, the velocity across it would predict the next pose far away."""
+    times = np.array([0.0, 0.1, 0.2, 0.3, 0.301, 0.401, 0.501])
+    found = series(times, [at(x) for x in (0.0, 0.0, 0.0, 5.0, 5.0, 5.0, 5.0)])
+    assert found.poses["run"].tolist() == [0, 0, 0, 1, 1, 1, 1]
+
+
 def test_jumps_may_be_ignored():
     times = np.arange(5.0)
     poses = [at(0.0), at(0.0), at(0.0), at(500.0), at(500.0)]
