@@ -154,7 +154,7 @@ def without_transforms(poses: Poses, frame_id: str) -> Poses:
     if config.pose_source == "tf":
         samples = odometry_of(read_tree(events, config), frame_id, config)
         merged = Merged(OnlyClouds(events), samples)
-        placement = replace(config, pose_source="odometry", odometry_stamp="exact", extrinsic="")
+        placement = replace(config, pose_source="odometry", extrinsic="")
         return replace(poses, events=merged, placement=placement)
     first = next((event for event in events if isinstance(event, PoseSample)), None)
     if config.pose_source == "registered" or config.extrinsic or first is None:
