@@ -93,7 +93,7 @@ def _interval(poses, time_ns, row):
 
 @kernel
 def _share(poses, row, time_ns):
-    """Share of the interval after `row` that has passed; the first pose before it."""
+    """Share of the interval after `row` that has passed, 0 to 1: exactly, at its poses."""
     if len(poses) == 1:
         return 0.0
     start = poses[row]["time_ns"]
@@ -103,20 +103,19 @@ def _share(poses, row, time_ns):
 
 @kernel
 def _between(poses, row, share, axis):
+    if share == 0.0 or share == 1.0:
+        return poses[row + int(share)]["position"][axis]
     start = poses[row]["position"][axis]
-    if share == 0.0:
-        return start
     return start + share * (poses[row + 1]["position"][axis] - start)
 
 
 @kernel
 def _slerp(poses, row, share, rotation):
-    start = poses[row]["rotation"]
-    if share == 0.0:
+    if share == 0.0 or share == 1.0:
         for axis in range(4):
-            rotation[axis] = start[axis]
+            rotation[axis] = poses[row + int(share)]["rotation"][axis]
         return
-    end = poses[row + 1]["rotation"]
+    start, end = poses[row]["rotation"], poses[row + 1]["rotation"]
     dot = 0.0
     for axis in range(4):
         dot += start[axis] * end[axis]

@@ -38,6 +38,13 @@ def same_rotation(a, b):
     return True
 
 
+@pytest.mark.parametrize("cut", [slice(None), slice(2, 6), slice(3, 4)])
+def test_pose_at_the_time_of_a_sample_is_the_sample_bit_for_bit(cut):
+    """Also at the end of a stretch: the bits must not depend on what follows."""
+    poses = series(9, np.random.default_rng(6))[cut]
+    np.testing.assert_array_equal(interpolated(poses, poses["time_ns"]), poses)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_poses_between_samples_equal_those_of_scipy(seed):
     rng = np.random.default_rng(seed)
