@@ -12,6 +12,9 @@ MAX_OFFSET_NS = 10 * SECOND  # from the stamp; larger values are no times, or of
 MAX_DISTANCE_NS = SECOND  # of the nearest point of a cloud from its stamp
 MIN_VALID = 0.9  # share of the given times that must be within MAX_OFFSET_NS
 MAX_RATE = 2e7  # points/s: no lidar measures more, so shorter spans are of another unit
+# A cloud with at least so many points in less time, whose times so often go back, is a sweep with
+# times of packets (1.3 ms with a VLP-16); a sweep stored ring by ring lasts longer.
+MIN_SWEEP_POINTS, MIN_SWEEP_NS, MIN_RESTARTS = 2000, 5_000_000, 10
 INVALID_NS = -4 * 10**18  # for NaN and values beyond int64
 
 OFFSET = "offset_time"  # ns from the stamp, of any type: Livox, and what this package writes
@@ -82,12 +85,23 @@ def point_times(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> 
         near = _is_near(offsets[used]) or name == OFFSET or reference == FROM_FIRST
         plausible = _is_plausible(offsets[used], values[used])
         if enough and near and plausible and (valid.any() or not len(values)):
+            _check_restarts(name, offsets[used])
             return PointTimes(np.where(valid, offsets, 0), valid, f"{name} [{unit}] {reference}")
     numbers = values[np.isfinite(values)]
     seen = f"{numbers.min():g} to {numbers.max():g}" if len(numbers) else "not finite"
     problem = f"the times {name!r} of a cloud are {seen}"
     advice = "they must be within 10 s of each other (time_field, time_unit)"
     raise InputError(f"{problem}; {advice}", "point_times")
+
+
+def _check_restarts(name: str, offsets: Array) -> None:
+    """Refuse times that begin anew with every packet; offsets (n,) int64, ns, in storage order."""
+    span = int(np.ptp(offsets)) if len(offsets) else 0
+    restarts = int(np.count_nonzero(np.diff(offsets) < 0))
+    if len(offsets) >= MIN_SWEEP_POINTS and span < MIN_SWEEP_NS and restarts >= MIN_RESTARTS:
+        problem = f"the times {name!r} restart {restarts} times within {span / 1e6:.2f} ms"
+        advice = "they must be those of a sweep, not of packets (time_field, or deskew off)"
+        raise InputError(f"{problem}; {advice}", "point_times")
 
 
 def _numeric(fields: Array) -> list[str]:

@@ -182,14 +182,23 @@ def test_unreadable_times_are_zeros_for_registered_clouds():
     assert not time_offsets(cloud("time", np.full(5, np.nan)), STAMP_NS).any()
 
 
-def test_real_sweep_of_a_driver_is_read(shared_data):
+def test_real_sweep_with_the_times_of_its_packets_is_refused(shared_data):
     path = shared_data / "raw" / "nebula_vlp16.pcd"
     if not path.exists():
         pytest.skip(f"needs {path}")
-    fields = read_fields(path)
-    found = point_times(fields, STAMP_NS)
-    assert found.valid.all() and found.meaning == "time_stamp [ns] from the stamp"
-    np.testing.assert_array_equal(found.offsets_ns, fields["time_stamp"])
+    with pytest.raises(InputError, match="'time_stamp' restart 149 times within 1.30 ms"):
+        point_times(read_fields(path), STAMP_NS)
+
+
+def test_times_that_restart_with_every_packet_are_refused():
+    packet = np.linspace(2_000, 1_300_000, 100)
+    fields = np.zeros(15_000, [("time_stamp", "u4")])
+    fields["time_stamp"] = np.tile(packet, 150)
+    with pytest.raises(InputError, match="restart 149 times"):
+        point_times(fields, STAMP_NS)
+    ring = np.linspace(0, 99_000_000, 2000)  # of a sweep that is stored ring by ring
+    fields["time_stamp"] = np.resize(ring, 15_000)
+    assert np.ptp(point_times(fields, STAMP_NS).offsets_ns) == 99_000_000
 
 
 def test_real_times_in_seconds_are_read(shared_data):
