@@ -359,3 +359,101 @@ def test_outcome_does_not_depend_on_the_interleaving(seed, meaning):
         first = first or found
         assert all(same(a, b) for a, b in zip(found, first, strict=True))
     assert len(clouds) // 4 < len(placed(found)) < len(clouds)
+
+
+def random_links(rng, loops):
+    """Samples of map -> odom at 10 Hz and of odom -> base at 20 Hz: gaps, loops, a late start."""
+    upper, lower = [], []
+    for loop in range(loops):
+        begin = 1000.0 - LOOP_S * loop
+        for link, frames, rate in (
+            (upper, ("map", "odom"), 10.0),
+            (lower, ("odom", "base"), 20.0),
+        ):
+            times = np.arange(begin + rng.uniform(-0.2, 0.5), begin + 6.0, 1.0 / rate)
+            gap = begin + rng.uniform(1.0, 4.0)
+            times = times[(times < gap) | (times > gap + rng.choice([0.0, 0.4, 1.5]))]
+            jump = begin + rng.uniform(1.0, 5.0)
+            for time_s in times:
+                sample = pose(0.1 * time_s if link is upper else time_s)
+                far = sample.pose.position + (20.0 if time_s > jump else 0.0)
+                moved = transform(far, sample.pose.rotation)
+                link.append(
+                    TransformSample(PoseSample(round(time_s * NS), *frames, moved), static=False)
+                )
+    return upper, lower
+
+
+def mixed(streams, rng):
+    """All in one order of arrival; none is more than 4 s behind another."""
+    arrival = []
+    for stream in streams:
+        stamps = [e.stamp_ns if isinstance(e, Sweep) else e.sample.time_ns for e in stream]
+        times = np.array(stamps) / NS
+        loops = np.rint((1003.0 - times) / LOOP_S)
+        noise = rng.uniform(0.0, rng.choice([0.01, 0.5, 2.0]), len(times))
+        delay = rng.uniform(-1.0, 1.0)
+        arrival.append(np.maximum.accumulate(times + 1000.0 * loops + delay + noise))
+    events = [event for stream in streams for event in stream]
+    return [events[k] for k in np.argsort(np.concatenate(arrival), kind="stable")]
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("seed", range(4))
+def test_outcome_does_not_depend_on_the_interleaving_of_two_moving_transforms(seed):
+    rng = np.random.default_rng(seed)
+    clouds, _ = random_streams(rng)
+    links = random_links(rng, loops=1 + max(int(1003 - c.stamp_ns / NS) for c in clouds) // 50)
+    mount = TransformSample(PoseSample(0, "base", "lidar", transform(MOUNT, [0, 0, 0, 1])), True)
+    first = None
+    for _ in range(3):
+        events = [mount, *mixed((clouds, *links), rng)]
+        found = run(events, pose_source="tf", fixed_frame="map", extrinsic="", min_range=3.0)
+        check_points(found, clouds)
+        first = first or found
+        assert all(same(a, b) for a, b in zip(found, first, strict=True))
+    assert len(clouds) // 4 < len(placed(found)) < len(clouds)
+    assert {"pose_jump", "before_poses"} & set(reasons(found))
+
+
+# --- stamps that jump back in one stream ---------------------------------------------------------
+
+
+def arriving(clouds_back_s, poses_back_s, links):
+    """Clouds at 10 Hz and poses at 20 Hz for 20 s; after 6 s, the stamps of one jump back.
+
+    links: poses as transforms. -> the events, and the clouds.
+    """
+    events, clouds = [], []
+    for k in range(400):
+        time_s = 1000.0 + 0.05 * k
+        stamp_s = time_s - (poses_back_s if k >= 120 else 0.0)
+        sample = pose(stamp_s)
+        events.append(TransformSample(sample, static=False) if links else sample)
+        if k % 2:
+            begin = time_s - (clouds_back_s if k >= 120 else 0.0)
+            clouds.append(cloud(np.ones((2, 3)), begin, begin + np.array([0.0, 0.04])))
+            events.append(clouds[-1])
+    mount = PoseSample(0, "base", "lidar", transform(MOUNT, [0.0, 0.0, 0.0, 1.0]))
+    return [TransformSample(mount, static=True), *events], clouds
+
+
+@pytest.mark.parametrize("links", [False, True])
+@pytest.mark.parametrize(("clouds_back_s", "poses_back_s"), [(2.0, 0.0), (0.0, 2.0), (4.0, 0.0)])
+def test_at_most_5_s_of_clouds_are_lost_where_one_stream_jumps_back(
+    links, clouds_back_s, poses_back_s
+):
+    events, clouds = arriving(clouds_back_s, poses_back_s, links)
+    source = {"pose_source": "tf", "fixed_frame": "odom"} if links else {}
+    found = run(events, extrinsic="", **source)
+    check_points(found, clouds)
+    lost = [row for row, outcome in enumerate(found) if isinstance(outcome, Unplaced)]
+    assert 60 in lost  # the first after the jump
+    end = 200 - round(10 * poses_back_s) - 1  # later ones have no pose before the end
+    within = [row for row in lost if row < end]
+    # The cloud 59 ends after the last pose before the jump of the poses.
+    assert 59 <= min(within) and max(within) <= 60 + 50
+    for outcome in found[max(within) + 1 : end]:
+        for row, time_s in enumerate((outcome.stamp_ns / NS, outcome.stamp_ns / NS + 0.04)):
+            at = expected(time_s, np.ones((1, 3)))[0]
+            np.testing.assert_allclose(outcome.points[row], at, rtol=0, atol=2e-3)
