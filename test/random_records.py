@@ -12,6 +12,7 @@ from ellipseg_ros.records import (
     Ragged,
     Segmentation,
     State,
+    Sweep,
 )
 
 
@@ -133,5 +134,11 @@ def segmentation(points=400, segments=20, seed=0, **changes):
         "sequence": 0,
         "restart": "",
         "threshold_change": "tuned",
+    }
+    values |= {
+        "hits": np.ones(len(labels), np.int64),
+        "means": values["points"],
+        "sweep": Sweep(end_ns, values["points"]),
+        "sweep_rows": np.arange(len(labels)),
     }
     return Segmentation(**(values | changes))

@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,12 @@ def with_settings(settings: Settings, values: dict[str, Any]) -> Settings:
     defaults = settings.flat()
     unknown = values.keys() - defaults.keys()
     if unknown:
-        raise ConfigError(f"there is no setting {min(unknown)}; there are {', '.join(defaults)}")
+        name = min(unknown)
+        similar = get_close_matches(name, defaults, 3, 0.0)
+        raise ConfigError(
+            f"there is no setting {name}; did you mean {', '.join(similar)}? "
+            "config/segmenter.yaml lists all"
+        )
     typed = {name: _typed(name, value, defaults[name]) for name, value in values.items()}
     return Settings(
         with_values(settings.config, typed),

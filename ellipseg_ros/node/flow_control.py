@@ -9,6 +9,8 @@ from ellipseg_ros.node.grouping import Grouping
 from ellipseg_ros.poses.placer import Event, Placer
 from ellipseg_ros.records import SECOND, Sweep
 
+REGISTERED = PlacementConfig(pose_source="registered")
+
 
 class FlowControl:
     """Predicts the node's updates from what is sent, and which of them are outstanding.
@@ -19,7 +21,9 @@ class FlowControl:
         block the replay.
     """
 
-    def __init__(self, config: Config, ahead: float, placement: PlacementConfig) -> None:
+    def __init__(
+        self, config: Config, ahead: float, placement: PlacementConfig = REGISTERED
+    ) -> None:
         self._placer = Placer(placement)
         self._grouping = Grouping(config)
         self._ahead_ns = round(ahead * SECOND)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from threading import Condition
 
 from ellipseg_ros.config import Config, PlacementConfig
-from ellipseg_ros.node.flow_control import FlowControl
+from ellipseg_ros.node.flow_control import REGISTERED, FlowControl
 from ellipseg_ros.poses.placer import Event, RefusedPose, TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.settings import Checked, fixed
-
-REGISTERED = PlacementConfig(pose_source="registered")
 
 
 @dataclass(frozen=True)

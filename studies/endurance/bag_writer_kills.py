@@ -8,7 +8,7 @@ from pathlib import Path
 from ellipseg_ros.cli.results import prepare
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.bag import read_messages
-from ellipseg_ros.io.topics import BAG_TOPICS
+from ellipseg_ros.io.topics import UPDATE_TOPICS
 from studies.endurance.programs import command, started, stderr_text
 from studies.endurance.requirements import Options, Requirement, first_of
 
@@ -74,9 +74,9 @@ def _updates_in_bag(results: Path, written: int) -> int:
     """Number of updates in the bag, of which at least `written` must be there."""
     bag = results / "bag"
     numbers = [message.sequence for _, message in read_messages(bag, "/segments")]
-    counts = {topic: sum(1 for _ in read_messages(bag, topic)) for topic in BAG_TOPICS}
+    topics = [f"/{topic.name}" for topic in UPDATE_TOPICS]
+    counts = {topic: sum(1 for _ in read_messages(bag, topic)) for topic in topics}
     prepare(results, "sim:industrial")  # as the next run does
-    del counts["/points"]
     if numbers != list(range(len(numbers))) or set(counts.values()) != {len(numbers)}:
         raise EllipsegError(f"the bag has updates {numbers}, messages {counts}")
     if len(numbers) < written:

@@ -3,18 +3,16 @@
 import json
 import subprocess
 import sys
-from argparse import Namespace
 
 import numpy as np
 import pytest
 
-from ellipseg_ros.cli import sources
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.config import Config
 from ellipseg_ros.io.bag import read_messages
 from ellipseg_ros.io.messages import write_segments
 from ellipseg_ros.io.pointcloud2 import write_labelled
-from ellipseg_ros.io.sources import Source, open_source
+from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.node.grouping import updates
 from ellipseg_ros.segmenter import Segmenter
 from ellipseg_ros.simulation.simulator import FIELDS
@@ -289,21 +287,3 @@ def test_help_imports_nothing_heavy_and_shows_examples():
     )
     assert "ellipseg segment drive.mcap" in ended.stdout
     assert ended.stdout.endswith("[]\n")
-
-
-@pytest.mark.parametrize(
-    ("frame_id", "count", "warned"),
-    [
-        ("velodyne", 20, True),
-        ("velodyne", None, True),
-        ("odom", 20, False),
-        ("velodyne", 1, False),
-    ],
-)
-def test_frame_of_a_sensor_gives_a_warning(monkeypatch, capsys, frame_id, count, warned):
-    source = Source("drive", frame_id, count, None, [])
-    monkeypatch.setattr(sources, "open_source", lambda *_: source)
-    assert sources.open_input("drive.mcap", Namespace(quiet=False, json=False)) is source
-    assert ("PROBABLY THAT OF A SENSOR" in capsys.readouterr().err) == warned
-    sources.open_input("drive.mcap", Namespace(quiet=False, json=True))
-    assert not capsys.readouterr().err

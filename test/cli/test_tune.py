@@ -269,7 +269,7 @@ def test_truncated_source_is_reported_and_the_next_is_read(tune, drive, monkeypa
         raise InputError("the 16th cloud can't be read")
 
     opened = {"odd": Source("odd", "odom", None, None, broken()), str(drive): open_source(drive)}
-    monkeypatch.setattr(command, "open_input", lambda spec, args: opened[spec])
+    monkeypatch.setattr(command, "open_input", lambda spec, *_: opened[spec])
     found = tune("odd", drive, *QUICK, "-q", "-o", "out")
     assert found.code == 1
     assert numbers("out")["problems"] == ["odd: the 16th cloud can't be read"]

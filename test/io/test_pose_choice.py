@@ -68,3 +68,9 @@ def test_tf_converted_to_an_odometry_places_the_same_points(tmp_path, stamp):
     assert np.allclose(direct[0].points[[0, -1], 0], [first, first + 0.99])
     for one, other in zip(direct, converted, strict=True):
         assert np.array_equal(one.points, other.points)
+
+
+def test_single_cloud_needs_no_pose(tmp_path):
+    write_raw_bag(tmp_path / "bag", [Sweep(NS, np.ones((4, 3)), frame_id="velodyne")])
+    source = open_source(tmp_path / "bag")
+    assert source.frame_id == "velodyne" and len(list(source)) == 1

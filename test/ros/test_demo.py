@@ -13,11 +13,12 @@ import pytest
 from point_accounting import Account
 from visualization_msgs.msg import Marker
 
-from ellipseg_ros.cli import node_process, verification
+from ellipseg_ros.cli import node_process
 from ellipseg_ros.cli.main import main
 from ellipseg_ros.cli.report import print_summary
 from ellipseg_ros.cli.verification import recorded_updates
 from ellipseg_ros.config import Config
+from ellipseg_ros.io import update_messages
 from ellipseg_ros.io.bag import read_messages
 from ellipseg_ros.io.sources import open_source
 from ellipseg_ros.node.grouping import updates
@@ -142,7 +143,7 @@ def test_single_cloud_is_one_update(ros_domain, words, capsys):
 
 
 def test_difference_is_code_1(ros_domain, words, monkeypatch, capsys):
-    monkeypatch.setattr(verification, "write_labelled", lambda found: b"something else")
+    monkeypatch.setattr(update_messages, "write_labelled", lambda found: b"something else")
     assert main([*words, "-q"]) == 1
     assert capsys.readouterr().err == (
         "ellipseg: the verification failed\n"

@@ -5,7 +5,7 @@ import signal
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import reduce
-from threading import Event, Timer
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,6 +27,7 @@ from ellipseg_ros.io.pointcloud2 import read_fields, write_labelled, write_sweep
 from ellipseg_ros.io.topics import ELLIPSOIDS
 from ellipseg_ros.msg import SegmentArray
 from ellipseg_ros.node.grouping import updates
+from ellipseg_ros.ros import segmenter_node
 from ellipseg_ros.ros.process import Spinner
 from ellipseg_ros.ros.replayer import Replayer, ReplayOptions
 from ellipseg_ros.ros.segmenter_node import SegmenterNode
@@ -488,12 +489,10 @@ def test_update_finished_after_shutdown_publishes_no_markers(late, inside, domai
 
 
 def test_close_waits_for_the_tuner(inside, monkeypatch):
-    tuner, close_outputs = inside._tuning.tuner, inside._outputs.close
-    close = tuner.close
-    monkeypatch.setattr(tuner, "close", lambda: None)
-    late = Timer(0.02, close)
-    monkeypatch.setattr(inside._outputs, "close", lambda: (close_outputs(), late.start()))
+    close, waited = inside._tuner.close, []
+    monkeypatch.setattr(inside._tuner, "close", lambda s: (waited.append(s), close(s))[1])
     assert inside.close()
+    assert waited == [segmenter_node.TUNER_TIMEOUT_S]
     monkeypatch.undo()
 
 
