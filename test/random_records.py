@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ellipseg_ros.records import (
+    THINNED,
     Ellipsoids,
     Hierarchy,
     Kind,
@@ -100,6 +101,7 @@ def segmentation(points=400, segments=20, seed=0, **changes):
     """A window of random points with random labels; `changes` replace fields of it."""
     rng = np.random.default_rng(seed)
     labels = rng.integers(-3, segments, points).astype(np.int32)
+    labels[labels == -3] = THINNED
     count = np.bincount(labels[labels >= 0], minlength=segments)
     _, of_segment = np.unique(rng.integers(0, 1 + segments // 3, segments), return_inverse=True)
     end_ns = 1_700_000_000_123_456_789

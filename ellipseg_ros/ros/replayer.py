@@ -18,7 +18,8 @@ from ellipseg_ros.io.pointcloud2 import write_sweep
 from ellipseg_ros.io.pose_messages import write_odometry
 from ellipseg_ros.io.sources import as_odometry, open_source
 from ellipseg_ros.io.topics import CLOCK, ODOMETRY, PAUSE, POINTS, REPLAYER, SEGMENTS
-from ellipseg_ros.node.playback import REGISTERED, Playback, ReplayOptions, ReplaySummary
+from ellipseg_ros.node.flow_control import REGISTERED
+from ellipseg_ros.node.playback import Playback, ReplayOptions, ReplaySummary
 from ellipseg_ros.poses.placer import Event
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.records import SECOND, Sweep

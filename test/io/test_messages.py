@@ -103,7 +103,7 @@ def plain_segments(found):
         segmented=int((found.labels >= 0).sum()),
         isolated=int((found.labels == -1).sum()),
         rejected=int((found.labels == -2).sum()),
-        thinned=int((found.labels == -3).sum()),
+        thinned=int((found.labels == -4).sum()),
         late=found.late,
         evicted=found.evicted,
         filtered=found.filtered,
