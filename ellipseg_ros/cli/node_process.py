@@ -3,8 +3,8 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 
@@ -39,8 +39,8 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
         self._end()
 
     def start(self) -> None:
-        """Start the process; at an interrupt meanwhile, it ends together with this one."""
-        with self._log.open("wb") as log:
+        """Start the process; KeyboardInterrupt is raised only when it can be stopped again."""
+        with self._log.open("wb") as log, delayed_interrupts():
             self._process = subprocess.Popen(
                 [sys.executable, "-c", PROGRAM, *self._args],
                 stdout=log,
@@ -82,3 +82,18 @@ class NodeProcess(AbstractContextManager["NodeProcess"]):
         code = process.wait()
         if not self._stopping:
             self._on_death(f"the node ended too early, with {code}; see {self._log}")
+
+
+@contextmanager
+def delayed_interrupts() -> Iterator[None]:
+    """Delay SIGINT and SIGTERM to the end of the block, so that no half started child is lost."""
+    received: list[int] = []
+    signals = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(n, lambda number, _: received.append(number)) for n in signals]
+    try:
+        yield
+    finally:
+        for number, handler in zip(signals, handlers, strict=True):
+            signal.signal(number, handler)
+    if received:
+        raise KeyboardInterrupt
