@@ -143,7 +143,7 @@ def walkers(site: Site, inner: float, outer: float, spacing: float) -> None:
 
 
 def crossers(site: Site, low: float, high: float, spacing: float) -> None:
-    """People who cross the lane to and fro between two distances from it."""
+    """People who cross the lane back and forth between two distances from it."""
     rng = site.rng()
     for s in site.each(spacing):
         item = site.model.separate()

@@ -19,7 +19,7 @@ class Mover(NamedTuple):
     along: float  # m/s
     across: float  # m/s
     lift: float  # m above the ground
-    low: float  # m: between these d it goes to and fro, if `across` is not 0
+    low: float  # m: between these d it goes back and forth, if `across` is not 0
     high: float  # m
     shapes: Shapes  # bodies in the item's frame, x ahead
 

@@ -79,7 +79,7 @@ def test_beams_end_where_steps_along_them_first_enter_a_body_or_the_ground():
     rng = np.random.default_rng(5)
     shapes, (moving, movers), cast = solid_scene(rng), moving_pair(), some_beams(rng)
     ends = cast_beams(cast, make_grid(shapes, ROLLING, np.zeros(2), 40.0), movers)
-    statics = [lambda p, k=k: is_inside(shapes, k, p) for k in range(len(shapes.form))]
+    standing = [lambda p, k=k: is_inside(shapes, k, p) for k in range(len(shapes.form))]
 
     def is_under(p, margin=0.0):
         return p[:, 2] < [rays.elevation(ROLLING, x, y) + margin for x, y, _ in p]
@@ -95,7 +95,7 @@ def test_beams_end_where_steps_along_them_first_enter_a_body_or_the_ground():
         ]
         for beam in range(3):
             direction = cast.rotation[line] @ cast.direction[line, beam]
-            tests = [*statics, *moved, is_under]
+            tests = [*standing, *moved, is_under]
             t, body = first_inside(cast.origin[line], direction, cast.reach, tests)
             body = rays.NOTHING if np.isinf(t) else body
             body = rays.GROUND if body == len(tests) - 1 else body
@@ -108,8 +108,8 @@ def test_beams_end_where_steps_along_them_first_enter_a_body_or_the_ground():
                 assert ends.distance[line, beam] < t + 0.02
             else:
                 assert ends.distance[line, beam] == pytest.approx(min(t, rays.FAR), abs=0.01)
-            hits.add(min(body, len(statics)))
-    assert len(hits) > 10 and {rays.GROUND, len(statics)} <= hits
+            hits.add(min(body, len(standing)))
+    assert len(hits) > 10 and {rays.GROUND, len(standing)} <= hits
 
 
 def plain_uniform(key, number):
