@@ -175,7 +175,7 @@ def _suggested_topic(bag: BagSweeps, config: PlacementConfig) -> str:
     poses = {topic: pose for topic, pose in topics.items() if pose is not None}
     of_sensor = [t for t, pose in poses.items() if pose.child_frame_id == bag.frame_id]
     is_raw = of_sensor or looks_like_a_sensor(bag.frame_id) or config.pose_source == "odometry"
-    if not is_raw or (bag.count == 1 and not of_sensor):  # a single cloud fits itself
+    if not is_raw or (bag.count == 1 and not topics):  # a single cloud fits itself
         return ""
     for choice in (of_sensor, list(poses), [t for t in topics if t == TF.name]):
         if len(choice) == 1:
