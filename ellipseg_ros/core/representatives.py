@@ -17,11 +17,6 @@ REJECTED_POINT, LATE_POINT = -2, -1  # instead of the slot of a point
 MAX_LEVEL = 3
 MEAN_HITS = 16  # points after which the mean of a representative is frozen
 MIN_SLOTS = 1024
-# Multipliers of a hash of the key (odd numbers from splitmix64 and MurmurHash3).
-HASH = np.array(
-    [0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB, 0xFF51AFD7ED558CCD], np.uint64
-)
-
 # key: level and cell (x, y, z); sight_ns: greatest time of its points; hits: number of them;
 # position: the founding point, m, local origin; total: sum of the first points relative to it;
 # mean: of the first 1, 2, 4, 8 or 16 points, m, local origin.
@@ -127,11 +122,9 @@ class Representatives:
 
 @kernel
 def _hash(level, x, y, z, size):
-    value = np.uint64(level) * HASH[3] ^ np.uint64(x) * HASH[0]
-    value = (value ^ (value >> np.uint64(29))) + np.uint64(y) * HASH[1]
-    value = (value ^ (value >> np.uint64(32))) + np.uint64(z) * HASH[2]
-    value ^= value >> np.uint64(31)
-    return np.int64(value & np.uint64(size - 1))
+    """Place of a cell in a table; size: a power of two. Teschner et al., VMV 2003, section 3.1."""
+    value = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791) ^ (level * 2654435)
+    return (value ^ (value >> 15)) & (size - 1)
 
 
 @kernel
