@@ -53,7 +53,9 @@ def segmentation_record(  # a record of everything
         adjacency=adjacency,
         landmarks=landmarks,
         first_seen_ns=segments.times_ns[:, 0],
-        last_seen_ns=_newest(window.sight_ns, segments),
+        last_seen_ns=_newest(window.sight_ns, segments)
+        if config.resolution > 0.0
+        else segments.times_ns[:, 1],
         start_ns=window.start_ns,
         end_ns=window.end_ns,
         late=arrivals.late,

@@ -9,8 +9,9 @@ from ellipseg_ros.cli.report import print_status, progress_bar
 from ellipseg_ros.cli.sources import open_input
 from ellipseg_ros.errors import EllipsegError
 from ellipseg_ros.io.bag import BagSink
-from ellipseg_ros.io.raw_bag import RawEvent, write_message
+from ellipseg_ros.io.raw_bag import write_message
 from ellipseg_ros.io.sources import SIMULATED, Source
+from ellipseg_ros.poses.placer import RawEvent
 from ellipseg_ros.records import Sweep
 from ellipseg_ros.simulation.lidar_drive import LidarDrive
 from ellipseg_ros.simulation.sensor_drive import SensorDrive

@@ -2,16 +2,12 @@
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeAlias
 
 from ellipseg_ros.io.bag import BagSink
 from ellipseg_ros.io.pointcloud2 import with_xyz, write_cloud
 from ellipseg_ros.io.topics import POINTS
-from ellipseg_ros.poses.placer import TransformSample
-from ellipseg_ros.poses.series import PoseSample
+from ellipseg_ros.poses.placer import RawEvent, TransformSample, stamp_of
 from ellipseg_ros.records import Sweep
-
-RawEvent: TypeAlias = Sweep | PoseSample | TransformSample
 
 
 def write_raw_bag(path: Path, events: Iterable[RawEvent]) -> None:
@@ -50,14 +46,8 @@ def _recorded(events: Iterable[RawEvent]) -> Iterator[tuple[int, RawEvent]]:
         if isinstance(event, TransformSample) and event.static:
             continue
         for each in waiting:
-            time_ns = max(time_ns + 1, _stamp_ns(event))
+            time_ns = max(time_ns + 1, stamp_of(event))
             yield time_ns, each
         waiting.clear()
     for number, event in enumerate(waiting, 1):
         yield time_ns + number, event
-
-
-def _stamp_ns(event: RawEvent) -> int:
-    if isinstance(event, Sweep):
-        return event.stamp_ns
-    return event.sample.time_ns if isinstance(event, TransformSample) else event.time_ns

@@ -12,6 +12,7 @@ from ellipseg_ros.io.cloud_file import CloudSweeps
 from ellipseg_ros.io.formats import FORMATS
 from ellipseg_ros.io.pose_choice import (
     Clouds,
+    OnlyClouds,
     Poses,
     choose_poses,
     without_transforms,
@@ -92,8 +93,7 @@ def open_source(
 
 def as_odometry(source: Source) -> Source:
     """The source with its poses as an odometry alone, as a replayer publishes them."""
-    clouds = (event for event in source.events if isinstance(event, Sweep))
-    frame_id = next((cloud.frame_id for cloud in clouds), "")
+    frame_id = next((cloud.frame_id for cloud in OnlyClouds(source.events)), "")
     poses = without_transforms(Poses(source.events, source.placement), frame_id)
     return replace(source, events=poses.events, placement=poses.placement)
 

@@ -7,8 +7,7 @@ from threading import Condition
 
 from ellipseg_ros.config import Config, PlacementConfig
 from ellipseg_ros.node.flow_control import REGISTERED, FlowControl
-from ellipseg_ros.poses.placer import Event, RefusedPose, TransformSample
-from ellipseg_ros.poses.series import PoseSample
+from ellipseg_ros.poses.placer import Event, RawEvent, RefusedPose, stamp_of
 from ellipseg_ros.records import SECOND, Sweep
 from ellipseg_ros.settings import Checked, fixed
 
@@ -156,7 +155,7 @@ class Playback:
         self._summary.runs += 1
         return newest_ns is not None
 
-    def _wait_until_due(self, event: Sweep | PoseSample | TransformSample) -> bool:
+    def _wait_until_due(self, event: RawEvent) -> bool:
         """Wait until the cloud or pose is due, and register it; False if stopped meanwhile."""
         stamp_ns = stamp_of(event)
         with self._changed:
@@ -183,13 +182,6 @@ class Playback:
                 "(does the segmenter run, with update_period "
                 f"{self._options.update_period:g}?)"
             )
-
-
-def stamp_of(event: Sweep | PoseSample | TransformSample) -> int:
-    """When a cloud, pose or transform is due, ns."""
-    if isinstance(event, Sweep):
-        return event.stamp_ns
-    return event.sample.time_ns if isinstance(event, TransformSample) else event.time_ns
 
 
 class Pace:

@@ -15,7 +15,7 @@ from ellipseg_ros.config import PlacementConfig
 from ellipseg_ros.errors import InputError
 from ellipseg_ros.poses.filters import filtered
 from ellipseg_ros.poses.interpolation import place
-from ellipseg_ros.poses.point_times import PointTimes, TimeField, point_times
+from ellipseg_ros.poses.point_times import PointTimes, TimeField, no_times, point_times
 from ellipseg_ros.poses.series import MAX_BACK_NS, MAX_WAIT_NS
 from ellipseg_ros.poses.sources import PoseSource, Query, Track, Waiting
 from ellipseg_ros.poses.transforms import IDENTITY
@@ -80,29 +80,11 @@ class Placement:
 
     def take(self) -> list[Sweep | Unplaced]:
         """The clouds that are decided now; to be called after poses have arrived."""
-        decided: list[Sweep | Unplaced] = []
-        self.waiting_for = None
-        while self._waiting:
-            outcome = self._decide(self._waiting[0])
-            if isinstance(outcome, Waiting):
-                if not self._is_overdue(self._waiting[0]):
-                    self.waiting_for = outcome
-                    break
-                self._give_up_epoch()
-                outcome = self._lost(outcome.reason, outcome.text)
-            decided.append(self._leave(outcome))
-        return decided
+        return self._decide_all(at_end=False)
 
     def flush(self) -> list[Sweep | Unplaced]:
         """Decide all clouds that still wait, at the end of the input."""
-        decided = self.take()
-        while self._waiting:
-            outcome = self._decide(self._waiting[0])
-            if isinstance(outcome, Waiting):
-                outcome = self._lost(outcome.reason, outcome.text)
-            decided.append(self._leave(outcome))
-        self.waiting_for = None
-        return decided
+        return self._decide_all(at_end=True)
 
     @property
     def waiting(self) -> int:
@@ -120,6 +102,22 @@ class Placement:
             return None
         newest = self._source.newest_ns(self.understood["cloud frame"])
         return None if newest is None else (self._newest_ns - newest) / SECOND
+
+    def _decide_all(self, at_end: bool) -> list[Sweep | Unplaced]:
+        decided: list[Sweep | Unplaced] = []
+        self.waiting_for = None
+        while self._waiting:
+            outcome = self._decide(self._waiting[0])
+            if isinstance(outcome, Waiting):
+                overdue = self._is_overdue(self._waiting[0])
+                if not (overdue or at_end):
+                    self.waiting_for = outcome
+                    break
+                if overdue:
+                    self._give_up_epoch()
+                outcome = self._lost(outcome.reason, outcome.text)
+            decided.append(self._leave(outcome))
+        return decided
 
     def _leave(self, outcome: Sweep | Unplaced) -> Sweep | Unplaced:
         self._waiting_points -= len(self._waiting.popleft().sweep)
@@ -160,12 +158,12 @@ class Placement:
         config = self._config
         chosen = TimeField(config.time_field, config.time_unit.replace("auto", ""))
         if sweep.fields is None or config.deskew == "off":
-            times = _no_times(sweep)
+            times = no_times(len(sweep))
         else:
             times = point_times(sweep.fields, sweep.stamp_ns, chosen)
             offsets = times.offsets_ns[times.valid]
             if not len(offsets) or offsets.min() == offsets.max():
-                times = _no_times(sweep)
+                times = no_times(len(sweep))
         if config.deskew == "on" and not times.meaning:
             problem = "a cloud has no times of points, or all are equal"
             raise InputError(f"{problem}; deskew is on and needs them", "no_point_times")
@@ -220,11 +218,6 @@ def _span(sweep: Sweep, times: PointTimes) -> tuple[int, int]:
     if not times.meaning or not len(offsets):
         return sweep.stamp_ns, sweep.stamp_ns
     return sweep.stamp_ns + int(offsets.min()), sweep.stamp_ns + int(offsets.max())
-
-
-def _no_times(sweep: Sweep) -> PointTimes:
-    count = len(sweep)
-    return PointTimes(np.zeros(count, np.int64), np.ones(count, bool), "")
 
 
 def _without_xyz(fields: Array | None) -> Array | None:

@@ -29,8 +29,16 @@ class RefusedPose(NamedTuple):
     text: str  # one line
 
 
-Event: TypeAlias = Sweep | PoseSample | TransformSample | RefusedPose
+RawEvent: TypeAlias = Sweep | PoseSample | TransformSample
+Event: TypeAlias = RawEvent | RefusedPose
 Outcome: TypeAlias = Sweep | Unplaced | RefusedPose
+
+
+def stamp_of(event: RawEvent) -> int:
+    """The stamp of a cloud, pose or transform, ns."""
+    if isinstance(event, Sweep):
+        return event.stamp_ns
+    return event.sample.time_ns if isinstance(event, TransformSample) else event.time_ns
 
 
 @dataclass

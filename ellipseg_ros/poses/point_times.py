@@ -70,8 +70,7 @@ def point_times(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> 
     """
     name = chosen.name or _find(fields)
     if not name:
-        none = np.zeros(len(fields), np.int64)
-        return PointTimes(none, np.ones(len(fields), bool), "")
+        return no_times(len(fields))
     if name not in _numeric(fields):
         listed = ", ".join(_numeric(fields)) or "none"
         problem = f"the cloud has no time field {name!r}"
@@ -92,6 +91,11 @@ def point_times(fields: Array, stamp_ns: int, chosen: TimeField = AUTOMATIC) -> 
     problem = f"the times {name!r} of a cloud are {seen}"
     advice = "they must be within 10 s of each other (time_field, time_unit)"
     raise InputError(f"{problem}; {advice}", "point_times")
+
+
+def no_times(count: int) -> PointTimes:
+    """Those of a cloud of so many points without times."""
+    return PointTimes(np.zeros(count, np.int64), np.ones(count, bool), "")
 
 
 def _check_restarts(name: str, offsets: Array) -> None:

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ellipseg_ros.poses.placer import TransformSample
+from ellipseg_ros.poses.placer import RawEvent, TransformSample
 from ellipseg_ros.poses.series import PoseSample
 from ellipseg_ros.poses.transforms import Transform
 from ellipseg_ros.records import SECOND, Array, Sweep
@@ -22,7 +22,6 @@ from ellipseg_ros.simulation.lidars import (
     time_column,
 )
 
-RawEvent: TypeAlias = Sweep | PoseSample | TransformSample
 TURN_PER_METRE = 0.02  # rad/m: noise of the odometry's rotation, relative to that of its position
 
 
